@@ -1,0 +1,1 @@
+"""The bench: clock, links, control, settle, sweep, interlock."""

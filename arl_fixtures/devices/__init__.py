@@ -1,0 +1,1 @@
+"""Drivers: what the bench asks of a device, spoken through a port."""

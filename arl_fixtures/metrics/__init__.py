@@ -1,0 +1,1 @@
+"""What a temperature step is judged by, one file per metric."""

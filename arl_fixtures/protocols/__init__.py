@@ -1,0 +1,1 @@
+"""Wire protocols as pure codecs: bytes to messages and back, no I/O, no clock."""

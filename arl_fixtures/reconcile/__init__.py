@@ -1,0 +1,1 @@
+"""Find, name, model and show the physics a simulation left out."""

@@ -1,0 +1,1 @@
+"""The vocabulary of missing physics, one file per effect."""

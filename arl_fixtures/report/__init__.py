@@ -1,0 +1,1 @@
+"""Sign-off report, JUnit, Allure and trends as functions of the journal."""

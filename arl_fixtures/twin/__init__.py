@@ -1,0 +1,1 @@
+"""The nominal physics of bench and sensor: scene, optics, noise, thermal plant."""
