@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from arl_fixtures.errors import ConfigError
@@ -112,7 +113,7 @@ def _mark(tree: Any, place: list[str | int], *, at_key: bool) -> tuple[int, int,
             break
         try:
             last = depth + 1 == len(place)
-            if isinstance(node, dict):
+            if isinstance(node, CommentedMap):
                 if part not in node:
                     # discriminated unions put a tag into the location that the file does not have
                     depth += 1
