@@ -1,0 +1,1 @@
+"""A value with its unit and standard uncertainty."""
