@@ -1,0 +1,173 @@
+"""Virtual links: ports that end in emulators and live on a virtual clock.
+
+The same drivers exchange the same bytes as on hardware; only the waiting is replaced by jumps of the clock.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Protocol, final, runtime_checkable
+
+from arl_fixtures.bench.clock import VirtualClock
+from arl_fixtures.devices.port import Datagram
+from arl_fixtures.emulators.device import DatagramDevice, StreamDevice
+from arl_fixtures.errors import DeviceLostError
+
+
+@runtime_checkable
+class Detachable(Protocol):
+    """An emulator whose line can be cut by a fault."""
+
+    def is_connected(self, now_s: float) -> bool:
+        """Whether the line carries bytes at `now_s`."""
+
+
+@final
+class VirtualStreamPort:
+    """A serial line or TCP connection to an emulated device.
+
+    Args:
+        name: how messages call the line.
+        device: the emulator at the other end.
+        clock: what makes time pass while a driver waits.
+    """
+
+    def __init__(self, name: str, device: StreamDevice, clock: VirtualClock) -> None:
+        self.name = name
+        self._device, self._clock = device, clock
+        self._unread = bytearray()
+        self._connection = 0
+        self._open = True
+
+    def write(self, data: bytes) -> None:
+        """Hand `data` to the device and note when its answers arrive."""
+        self._require_line()
+        connection = self._connection
+        for outgoing in self._device.receive(data, self._clock.now_s):
+
+            def arrive(answer: bytes = outgoing.data) -> None:
+                if connection == self._connection:
+                    self._unread += answer
+
+            self._clock.at(outgoing.time_s, arrive)
+
+    def read(self, timeout_s: float) -> bytes:
+        """What has arrived; lets time pass until something has."""
+        self._require_line()
+        if not self._unread:
+            self._clock.wait(self._has_unread, timeout_s)
+            self._require_line()
+        return self.drain()
+
+    def drain(self) -> bytes:
+        """Take what lies unread."""
+        data = bytes(self._unread)
+        self._unread.clear()
+        return data
+
+    def reopen(self) -> None:
+        """Forget what is under way in both directions."""
+        self.close()
+        self._open = True
+        self._require_line()
+
+    def close(self) -> None:
+        """Leave the line."""
+        if self._open:
+            self._device.disconnect(self._clock.now_s)
+        self._open = False
+        self._connection += 1
+        self._unread.clear()
+
+    def _has_unread(self) -> bool:
+        return bool(self._unread)
+
+    def _require_line(self) -> None:
+        if not self._open:
+            raise DeviceLostError(f"{self.name}: the line is closed")
+        if isinstance(self._device, Detachable) and not self._device.is_connected(self._clock.now_s):
+            raise DeviceLostError(f"{self.name}: the line is cut")
+
+
+@final
+class VirtualNetwork:
+    """The UDP side of an emulated bench: several senders, several listening ports.
+
+    Nothing is computed for times in which nobody waits: `skip_to_now` moves on past them, as a host does that
+    throws away what its socket collected meanwhile.
+
+    Args:
+        devices: the senders.
+        clock: what makes time pass.
+        poll_s: a waiting host looks at its socket this often, so that a burst of packets is one read.
+    """
+
+    def __init__(self, devices: Sequence[DatagramDevice], clock: VirtualClock, *, poll_s: float = 0.040) -> None:
+        self._devices, self._clock, self._poll_s = tuple(devices), clock, poll_s
+        self._sent_until_s = clock.now_s
+        self._queues: dict[int, deque[Datagram]] = {}
+
+    def listen(self, port: int) -> VirtualDatagramPort:
+        """A port on which datagrams to `port` arrive."""
+        self._queues.setdefault(port, deque())
+        return VirtualDatagramPort(f"emulated udp port {port}", port, self)
+
+    def take(self, port: int, timeout_s: float) -> list[Datagram]:
+        """Wait for datagrams to `port` and take them."""
+        clock, queue = self._clock, self._queues[port]
+        deadline_s = clock.now_s + max(timeout_s, 0.0)
+        while True:
+            self._collect()
+            if queue or clock.now_s >= deadline_s:
+                taken = list(queue)
+                queue.clear()
+                return taken
+            next_s = min((d.next_time_s(clock.now_s) for d in self._devices), default=float("inf"))
+            clock.sleep(max(min(next_s + self._poll_s, deadline_s) - clock.now_s, 0.0))
+
+    def skip_to_now(self, port: int) -> int:
+        """Forget what was sent to `port` up to now; returns how many datagrams were lying there."""
+        queue = self._queues[port]
+        lost = len(queue)
+        queue.clear()
+        self._sent_until_s = self._clock.now_s
+        return lost
+
+    def _collect(self) -> None:
+        now_s = self._clock.now_s
+        if now_s <= self._sent_until_s:
+            return
+        arrivals = [
+            (outgoing.time_s, order, port, Datagram(outgoing.data, device.address, outgoing.time_s))
+            for order, device in enumerate(self._devices)
+            for port, outgoing in device.send(self._sent_until_s, now_s)
+            if port in self._queues
+        ]
+        arrivals.sort(key=lambda arrival: arrival[:2])
+        for _, _, port, datagram in arrivals:
+            self._queues[port].append(datagram)
+        self._sent_until_s = now_s
+
+
+@final
+class VirtualDatagramPort:
+    """One listening port of a `VirtualNetwork`."""
+
+    def __init__(self, name: str, port: int, network: VirtualNetwork) -> None:
+        self.name = name
+        self._port, self._network, self._open = port, network, True
+
+    def receive(self, timeout_s: float) -> list[Datagram]:
+        """All datagrams that have arrived; lets time pass until one has."""
+        if not self._open:
+            raise DeviceLostError(f"{self.name}: the socket is closed")
+        return self._network.take(self._port, timeout_s)
+
+    def discard(self) -> int:
+        """Forget what lies unread."""
+        return self._network.skip_to_now(self._port)
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._open = False
