@@ -1,1 +1,1 @@
-"""The vocabulary of missing physics, one file per effect."""
+"""One file per effect; `arl_fixtures.reconcile.library` scans the folder, so a new file is all a new effect needs."""

@@ -1,0 +1,111 @@
+"""The observation table in memory: numeric columns, categories, channels and the groups that share errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arl_fixtures.reconcile.roles import Role, role_of, unit_of
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Channel:
+    """A measured quantity with its simulation.
+
+    Attributes:
+        name: column of the measured value; the simulated one is `sim_` + name.
+        role: kind of quantity.
+        unit: plain text.
+        parent: for a scatter channel the channel whose scatter it is, else empty.
+    """
+
+    name: str
+    role: Role
+    unit: str
+    parent: str = ""
+
+
+@dataclass(slots=True)
+class Columns:
+    """All usable columns of an observation table.
+
+    Attributes:
+        n: number of rows.
+        numbers: numeric columns (measured, `sim_`, covariates, booleans excluded) as float64, NaN where not observed.
+        categories: text, boolean and identifier columns as codes (−1 = null) and sorted labels.
+        channels: what can be compared.
+        ignored: column to the reason why it is not used.
+    """
+
+    n: int
+    numbers: dict[str, FloatArray]
+    categories: dict[str, tuple[IntArray, tuple[str, ...]]]
+    channels: tuple[Channel, ...]
+    ignored: dict[str, str] = field(default_factory=dict)
+    _groups: dict[tuple[str, ...], IntArray] = field(default_factory=dict)
+    _relations: dict[tuple[object, ...], IntArray] = field(default_factory=dict)
+
+    def codes_of(self, name: str) -> IntArray:
+        """Integer code of a column's values, numeric or category; NaN and null get a code of their own."""
+        if name in self.categories:
+            return self.categories[name][0]
+        return np.unique(self.numbers[name], return_inverse=True, equal_nan=True)[1].astype(np.int64)
+
+    def group(self, *names: str) -> IntArray:
+        """Code 0…k−1 of the combination of those of `names` that the table has; all 0 where it has none."""
+        present = tuple(name for name in names if name in self.numbers or name in self.categories)
+        if present not in self._groups:
+            code = np.zeros(self.n, dtype=np.int64)
+            for name in present:
+                part = self.codes_of(name)
+                part = part - part.min()
+                code = np.unique(code * (int(part.max()) + 1) + part, return_inverse=True)[1].astype(np.int64)
+            self._groups[present] = code
+        return self._groups[present]
+
+    def match(self, key: tuple[object, ...], own: IntArray, wanted: IntArray) -> IntArray:
+        """Row whose `own` code equals each row's `wanted` code, −1 where there is none; cached under `key`."""
+        if key not in self._relations:
+            order = np.argsort(own, kind="stable")
+            ranked = own[order]
+            place = np.searchsorted(ranked, wanted)
+            place[place == self.n] = 0
+            found = order[place]
+            self._relations[key] = np.where((ranked[place] == wanted) & (wanted >= 0), found, -1)
+        return self._relations[key]
+
+    def following(self, key: tuple[object, ...], group: IntArray, order_by: FloatArray, lag: int) -> IntArray:
+        """Row that stands `lag` places after each row in its group, sorted by `order_by`; −1 beyond the ends."""
+        if key not in self._relations:
+            order = np.lexsort((order_by, group))
+            target = np.arange(self.n) + lag
+            inside = (target >= 0) & (target < self.n)
+            target[~inside] = 0
+            other = order[target]
+            same = inside & (group[other] == group[order])
+            result = np.full(self.n, -1, dtype=np.int64)
+            result[order] = np.where(same, other, -1)
+            self._relations[key] = result
+        return self._relations[key]
+
+
+def find_channels(names: set[str]) -> tuple[Channel, ...]:
+    """Every X with a `sim_X` beside it, means before their scatters, in a stable order."""
+    measured = {
+        name for name in names
+        if not name.startswith("sim_") and f"sim_{name}" in names
+    }  # fmt: skip
+    scatters = {name for name in measured if name.endswith("_std") and f"sim_{name.removesuffix('_std')}" in names}
+    made = [
+        Channel(name=name, role=role_of(name, measured), unit=unit_of(name)) for name in sorted(measured - scatters)
+    ]
+    made += [
+        Channel(name=name, role=Role.SCATTER, unit=unit_of(name), parent=name.removesuffix("_std"))
+        for name in sorted(scatters)
+    ]
+    return tuple(made)

@@ -1,0 +1,61 @@
+"""The detector's gain follows its temperature."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
+from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.view import View
+
+
+class GainTemperature(Effect):
+    """I *= 1 + slope·(T − T_mid) + curvature·(T − T_mid)²; the scatter of the signal scales alike."""
+
+    id = "detector.gain_temperature"
+    stage = Stage.DETECTOR
+    source = "Excelitas C30645/C30662 data sheet: breakdown voltage 0.14 V/K at gain 10"
+    confusable = ("laser.thermal_rolloff", "optics.filter_shift")
+
+    def variants(self, view: View) -> Iterable[Variant]:
+        """One per intensity channel and logged temperature that is not the laser's."""
+        for channel in view.channels(Role.INTENSITY):
+            for column in view.temperatures("tof_temperature_c", "fpga_temperature_c", "housing_temperature_c"):
+                if column.startswith("laser_"):
+                    continue
+                yield Variant(
+                    effect=self.id,
+                    options={"channel": channel.name, "temperature": column},
+                    parameters=(
+                        Parameter(name="slope", unit="1/K", low=-0.05, high=0.05, null=0.0, typical=0.001),
+                        Parameter(name="curvature", unit="1/K^2", low=-5e-4, high=5e-4, null=0.0, typical=1e-5),
+                    ),
+                    channels=(channel.name,),
+                    drivers=(column,),
+                )
+
+    def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
+        """Multiplies the signal."""
+        channel, column = str(variant.options["channel"]), str(variant.options["temperature"])
+        excess = view.number(column) - view.middle(column)
+        state[channel] = state[channel] * (1.0 + values["slope"] * excess + values["curvature"] * excess**2)
+
+    def expression(self, variant: Variant) -> str:
+        """The law."""
+        channel, column = variant.options["channel"], variant.options["temperature"]
+        return f"{channel} *= 1 + slope * ({column} - median) + curvature * ({column} - median)^2"
+
+    def sentence(self, variant: Variant, values: Values, view: View) -> str:
+        """Change over the table's range of temperature."""
+        column = str(variant.options["temperature"])
+        low, high = view.span(column)
+        middle = view.middle(column)
+        ends = [1.0 + values["slope"] * x + values["curvature"] * x**2 for x in (low - middle, high - middle)]
+        change = (ends[1] / ends[0] - 1.0) * 100.0
+        return f"The detector's gain changes by {change:+.1f} % from {low:.0f} to {high:.0f} °C of {column}."
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What tells it from the laser's roll-off."""
+        return (
+            "Step the laser's TEC set-point at constant housing temperature: the detector's gain does not follow it."
+        )

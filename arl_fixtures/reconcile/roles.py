@@ -1,0 +1,61 @@
+"""What a column is, told from its name alone: role of a channel, unit of a suffix."""
+
+from __future__ import annotations
+
+import re
+from enum import Enum
+
+UNIT_SUFFIXES = {
+    "counts": "counts", "m": "m", "mm": "mm", "um": "um", "nm": "nm", "deg": "deg", "rad": "rad", "c": "°C", "k": "K",
+    "s": "s", "ms": "ms", "us": "us", "ns": "ns", "ps": "ps", "h": "h", "v": "V", "mv": "mV", "a": "A", "ma": "mA",
+    "w": "W", "mw": "mW", "j": "J", "mj": "mJ", "hz": "Hz", "khz": "kHz", "mhz": "MHz", "ghz": "GHz", "pa": "Pa",
+    "hpa": "hPa", "bar": "bar", "pct": "%", "percent": "%", "px": "px", "cps": "1/s", "kcps": "1/s", "mcps": "1/s",
+    "lux": "lx", "ohm": "Ohm", "g": "g", "kg": "kg", "n": "N", "rpm": "1/min", "db": "dB", "dbm": "dBm",
+}  # fmt: skip
+"""Suffix after the last underscore to the unit it stands for."""
+
+_SIGNAL_WORDS = ("intensity", "signal", "photodiode", "amplitude", "power", "optical", "radiance", "light")
+_SIGNAL_UNITS = {"counts", "cps", "kcps", "mcps", "w", "mw", "lux"}
+
+
+class Role(Enum):
+    """What kind of quantity a channel is; effects choose their channels by role."""
+
+    INTENSITY = "intensity"
+    DISTANCE = "distance"
+    TEMPERATURE = "temperature"
+    FRACTION = "fraction"
+    SCATTER = "scatter"
+    OTHER = "other"
+
+
+def suffix(name: str) -> str:
+    """Unit suffix of a column name without `sim_` and `_std`; empty where there is none.
+
+    >>> suffix("intensity_counts_std"), suffix("reflectance"), suffix("rail_1v8_v")
+    ('counts', '', 'v')
+    """
+    bare = re.sub(r"(_repeat)?_std$", "", name)
+    last = bare.rsplit("_", 1)[-1] if "_" in bare else ""
+    return last if last in UNIT_SUFFIXES else ""
+
+
+def unit_of(name: str) -> str:
+    """Unit of a column, `1` for a dimensionless one."""
+    return UNIT_SUFFIXES.get(suffix(name), "1")
+
+
+def role_of(name: str, channels: frozenset[str] | set[str] = frozenset()) -> Role:
+    """Role of a channel, by the meaning its name has in the observation format, else by its unit suffix."""
+    if name.endswith("_std") and (name.removesuffix("_std") in channels or not channels):
+        return Role.SCATTER
+    unit = suffix(name)
+    if unit in _SIGNAL_UNITS or (unit in {"", "a", "ma", "v", "mv"} and any(word in name for word in _SIGNAL_WORDS)):
+        return Role.INTENSITY
+    if unit in {"m", "mm"}:
+        return Role.DISTANCE
+    if unit == "c":
+        return Role.TEMPERATURE
+    if name == "valid_fraction" or name.endswith("_fraction"):
+        return Role.FRACTION
+    return Role.OTHER

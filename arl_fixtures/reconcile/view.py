@@ -1,0 +1,284 @@
+"""What an effect sees of a table: columns, groups and neighbours of the rows under work.
+
+The engine works on whole blocks of rows (a subset of a large table). Neighbours are looked up in the *whole* table:
+where a neighbour is not among the rows under work, its simulated value is taken and scaled by what earlier stages did
+to the row itself. So an effect is written once and never learns which rows are worked on.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arl_fixtures.reconcile.columns import Channel, Columns
+from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.roles import Role
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+_STEP = ("dut", "cycle", "step")
+_FRAME = (*_STEP, "stage_angle_deg")
+_PIXEL = ("pixel_u", "pixel_v")
+_OWN_CODE = "own"
+
+
+class View:
+    """Rows of a table, as effects see them.
+
+    Args:
+        columns: the whole table.
+        rows: indices of the rows under work; all where None.
+    """
+
+    def __init__(self, columns: Columns, rows: IntArray | None = None) -> None:
+        self.columns = columns
+        self._all = rows is None
+        self.rows: IntArray = np.arange(columns.n) if rows is None else np.asarray(rows, dtype=np.int64)
+        self.n = len(self.rows)
+        self._local: IntArray | None = None
+        self._cache: dict[object, FloatArray] = {}
+        self.sim: State = {}
+        for channel in columns.channels:
+            self.sim[channel.name] = self.number(f"sim_{channel.name}")
+            if f"sim_{channel.name}_std" in columns.numbers:
+                self.sim[f"{channel.name}_std"] = self.number(f"sim_{channel.name}_std")
+
+    # ---- columns ---------------------------------------------------------------------------------------------
+
+    def has(self, *names: str) -> bool:
+        """Whether the table has all these columns (covariates, `sim_` columns or channels)."""
+        return all(name in self.columns.numbers or name in self.columns.categories for name in names)
+
+    def number(self, name: str) -> FloatArray:
+        """A numeric column on the rows under work (NaN where not observed). Never a measured column in an effect."""
+        if name not in self._cache:
+            values = self.columns.numbers[name]
+            self._cache[name] = values if self._all else values[self.rows]
+        return self._cache[name]
+
+    def codes(self, name: str) -> tuple[IntArray, tuple[str, ...]]:
+        """Codes (−1 = null) and labels of a category column (`surface`, `dut`, `mixed` as 'false'/'true', …)."""
+        codes, labels = self.columns.categories[name]
+        return codes[self.rows], labels
+
+    def is_category(self, name: str) -> bool:
+        """Whether the column is text, boolean or an identifier such as `dut`."""
+        return name in self.columns.categories
+
+    def labels(self, name: str) -> tuple[str, ...]:
+        """Labels of a category column that has more than one; else empty."""
+        if name not in self.columns.categories:
+            return ()
+        labels = self.columns.categories[name][1]
+        return labels if len(labels) > 1 else ()
+
+    def selects(self, name: str, label: str) -> BoolArray:
+        """Rows whose category column has this label; none where the table does not know it."""
+        codes, labels = self.codes(name)
+        return np.equal(codes, labels.index(label) if label in labels else -2)
+
+    def varies(self, name: str) -> bool:
+        """Whether a numeric column of the whole table takes at least two finite values."""
+        if name not in self.columns.numbers:
+            return False
+        values = self.columns.numbers[name]
+        finite = values[np.isfinite(values)]
+        return finite.size > 1 and bool(finite.max() > finite.min())
+
+    def span(self, name: str) -> tuple[float, float]:
+        """Smallest and largest finite value of a numeric column of the whole table."""
+        values = self.columns.numbers[name]
+        return float(np.nanmin(values)), float(np.nanmax(values))
+
+    def middle(self, name: str) -> float:
+        """Median of a numeric column of the whole table: a reference that does not depend on the rows under work."""
+        return float(np.nanmedian(self.columns.numbers[name]))
+
+    def covariates(self, suffix: str = "") -> tuple[str, ...]:
+        """Varying numeric covariates whose name ends with `suffix`, by name; channels are none."""
+        taken = {c.name for c in self.columns.channels}
+        return tuple(
+            name for name in sorted(self.columns.numbers)
+            if name.endswith(suffix) and not name.startswith("sim_") and name not in taken
+            and not (name.endswith("_std") and name.removesuffix("_std") in taken) and self.varies(name)
+        )  # fmt: skip
+
+    def temperatures(self, *first: str) -> tuple[str, ...]:
+        """Varying temperature covariates (`…_c`), those named in `first` before the others."""
+        names = self.covariates("_c")
+        return tuple(n for n in first if n in names) + tuple(n for n in names if n not in first)
+
+    # ---- channels --------------------------------------------------------------------------------------------
+
+    def channels(self, role: Role) -> tuple[Channel, ...]:
+        """Channels of a role, e.g. every intensity."""
+        return tuple(c for c in self.columns.channels if c.role is role)
+
+    def channel(self, role: Role) -> str:
+        """Name of the first channel of a role, empty where the table has none."""
+        found = self.channels(role)
+        return found[0].name if found else ""
+
+    def frames(self) -> FloatArray:
+        """Frames averaged in each row."""
+        return self.number("n_frames") if "n_frames" in self.columns.numbers else np.ones(self.n)
+
+    def fresh_state(self) -> State:
+        """The untouched simulation: what `apply` starts from."""
+        return dict(self.sim)
+
+    # ---- groups ----------------------------------------------------------------------------------------------
+
+    def group(self, *names: str) -> IntArray:
+        """Code of the combination of those of `names` that the table has (the same on any subset)."""
+        return self.columns.group(*names)[self.rows]
+
+    def frame(self) -> IntArray:
+        """Code of the image a row belongs to: one stage angle of one step of one DUT."""
+        return self.group(*_FRAME)
+
+    def step(self) -> IntArray:
+        """Code of (`dut`, `cycle`, `step`)."""
+        return self.group(*_STEP)
+
+    # ---- neighbours ------------------------------------------------------------------------------------------
+
+    def neighbour(self, state: State, channel: str, *, du: int, dv: int) -> FloatArray:
+        """Value of the pixel `du` columns and `dv` rows further in the same image; NaN where there is none."""
+        return self.take(state, channel, self._image_shift(du, dv))
+
+    def neighbour_number(self, name: str, *, du: int, dv: int) -> FloatArray:
+        """A numeric column at the neighbouring pixel of the same image."""
+        return self.take_number(name, self._image_shift(du, dv))
+
+    def neighbour_codes(self, name: str, *, du: int, dv: int) -> IntArray:
+        """Codes of a category column at the neighbouring pixel; −1 where there is none."""
+        place = self._image_shift(du, dv)
+        return np.where(place >= 0, self.columns.categories[name][0][place], -1)
+
+    def mirrored(
+        self, state: State, channel: str, *, u0: float, v0: float, flip_u: bool = True, flip_v: bool = True
+    ) -> FloatArray:
+        """Value at the pixel mirrored about (u0, v0), linear between pixel centres; NaN outside the table's image.
+
+        With `flip_u=False` or `flip_v=False` the image is mirrored about one axis only.
+        """
+        u, v = self.number("pixel_u"), self.number("pixel_v")
+        target_u = 2.0 * u0 - u if flip_u else u
+        target_v = 2.0 * v0 - v if flip_v else v
+        low_u, low_v = np.floor(target_u), np.floor(target_v)
+        part_u, part_v = target_u - low_u, target_v - low_v
+        total = np.zeros(self.n)
+        weight = np.zeros(self.n)
+        for step_u, share_u in ((0, 1.0 - part_u), (1, part_u)):
+            for step_v, share_v in ((0, 1.0 - part_v), (1, part_v)):
+                share = share_u * share_v
+                if not np.any(share > 1e-9):
+                    continue
+                value = self.take(state, channel, self._image_place(low_u + step_u, low_v + step_v))
+                good = np.isfinite(value) & (share > 1e-9)
+                total[good] += (share * np.nan_to_num(value))[good]
+                weight[good] += share[good]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.where(weight > 0.5, total / weight, np.nan)
+
+    def in_sweep(self, state: State, channel: str, *, steps: int) -> FloatArray:
+        """Value of the same pixel `steps` stage angles further (by angle, not by time); NaN beyond the sweep."""
+        return self.take(state, channel, self.sweep_place(steps))
+
+    def sweep_place(self, steps: int) -> IntArray:
+        """Whole-table row of the same pixel `steps` stage angles further, −1 where there is none."""
+        cell = self.columns.group(*_STEP, *_PIXEL, "set_temperature_c", "ramp")
+        order = self.columns.numbers["stage_angle_deg"]
+        return self.columns.following(("sweep", steps), cell, order, steps)[self.rows]
+
+    def acquired_before(self, state: State, channel: str, *, frames: int = 1) -> FloatArray:
+        """Value of the same pixel `frames` stage positions *earlier in time* (`time_s`; by angle where absent)."""
+        return self.take(state, channel, self.acquired_place(frames))
+
+    def acquired_place(self, frames: int = 1) -> IntArray:
+        """Whole-table row of the same pixel `frames` stage positions earlier in time, −1 where there is none."""
+        cell = self.columns.group(*_STEP, *_PIXEL)
+        name = "time_s" if self.varies("time_s") else "stage_angle_deg"
+        return self.columns.following(("acquired", frames), cell, self.columns.numbers[name], -frames)[self.rows]
+
+    def step_before(self, state: State, channel: str) -> FloatArray:
+        """Value of the same pixel and angle in the step before; NaN in the first step."""
+        cell = self.columns.group("dut", "cycle", "stage_angle_deg", *_PIXEL)
+        order = self.columns.numbers["step" if "step" in self.columns.numbers else "time_s"]
+        return self.take(state, channel, self.columns.following(("step", -1), cell, order, -1)[self.rows])
+
+    def take(self, state: State, channel: str, place: IntArray) -> FloatArray:
+        """Value of `channel` at whole-table rows `place` (−1: NaN); see the module's text for rows outside."""
+        own = state[channel]
+        reference = self.columns.numbers.get(f"sim_{channel}")
+        if reference is None:
+            reference = np.full(self.columns.n, np.nan)
+        local = self._local_index()[place]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = np.where(self.sim[channel] != 0.0, own / self.sim[channel], 1.0)
+            outside = reference[place] * np.where(np.isfinite(ratio), ratio, 1.0)
+        value = np.where(local >= 0, own[local], outside)
+        return np.where(place >= 0, value, np.nan)
+
+    def take_number(self, name: str, place: IntArray) -> FloatArray:
+        """A numeric column at whole-table rows `place`; NaN where −1."""
+        return np.where(place >= 0, self.columns.numbers[name][place], np.nan)
+
+    def frame_mean(self, state: State, channel: str) -> FloatArray:
+        """Mean of a channel over the row's image (the whole table's, scaled by what earlier stages did here)."""
+        whole = self.mean_of_group(f"sim_{channel}", *_FRAME)
+        if state[channel] is self.sim[channel]:
+            return whole
+        code = np.unique(self.frame(), return_inverse=True)[1]
+        good = np.isfinite(state[channel]) & np.isfinite(self.sim[channel])
+        now = np.bincount(code, np.where(good, state[channel], 0.0))
+        before = np.bincount(code, np.where(good, self.sim[channel], 0.0))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = np.where(before != 0.0, now / before, 1.0)
+        return whole * ratio[code]
+
+    def mean_of_group(self, name: str, *groups: str) -> FloatArray:
+        """Mean of a numeric column over the groups of the *whole* table, on the rows under work."""
+        key = ("mean", name, groups)
+        if key not in self._cache:
+            code = self.columns.group(*groups)
+            values = self.columns.numbers[name]
+            good = np.isfinite(values)
+            total = np.bincount(code, np.where(good, values, 0.0))
+            count = np.bincount(code, good.astype(float))
+            with np.errstate(invalid="ignore", divide="ignore"):
+                self._cache[key] = (total / count)[code][self.rows]
+        return self._cache[key]
+
+    def _image_shift(self, du: int, dv: int) -> IntArray:
+        return self._image_place(self.number("pixel_u") + du, self.number("pixel_v") + dv)
+
+    def _image_place(self, u: FloatArray, v: FloatArray) -> IntArray:
+        """Whole-table row of pixel (u, v) in each row's own image; −1 where there is none."""
+        table = self.columns
+        all_u, all_v = table.numbers["pixel_u"], table.numbers["pixel_v"]
+        u_low, v_low = int(np.nanmin(all_u)), int(np.nanmin(all_v))
+        width, height = int(np.nanmax(all_u)) - u_low + 1, int(np.nanmax(all_v)) - v_low + 1
+        if ("image", "order") not in table._relations:
+            cell = (table.group(*_FRAME) * height + (all_v - v_low)) * width + (all_u - u_low)
+            own: IntArray = np.nan_to_num(cell, nan=-1.0).astype(np.int64)
+            order = np.argsort(own, kind="stable")
+            table._relations[("image", "order")] = order
+            table._relations[("image", "ranked")] = own[order]
+        order, ranked = table._relations[("image", "order")], table._relations[("image", "ranked")]
+        inside = (u >= u_low) & (u < u_low + width) & (v >= v_low) & (v < v_low + height)
+        target = (self.frame() * height + (v - v_low)) * width + (u - u_low)
+        wanted: IntArray = np.where(inside, np.nan_to_num(target, nan=-1.0), -1.0).astype(np.int64)
+        place = np.searchsorted(ranked, wanted)
+        place[place == table.n] = 0
+        return np.where((ranked[place] == wanted) & inside, order[place], -1)
+
+    def _local_index(self) -> IntArray:
+        if self._local is None:
+            local = np.full(self.columns.n + 1, -1, dtype=np.int64)  # last entry answers place −1
+            local[self.rows] = np.arange(self.n)
+            self._local = local
+        return self._local
