@@ -37,6 +37,10 @@ class DataError(ArlError):
     """A table, bag or journal cannot be used as it is."""
 
 
+class StorageError(ArlError):
+    """Output cannot be written: disk full, no permission, or something is in the way. Nothing was overwritten."""
+
+
 class DeviceError(ArlError):
     """A device did not do what the bench needs. The message names the device and its address."""
 

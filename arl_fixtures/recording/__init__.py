@@ -1,1 +1,1 @@
-"""One bag per temperature step: write, read, recover."""
+"""Bags: writing, reading, recovering."""
