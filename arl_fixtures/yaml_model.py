@@ -64,6 +64,15 @@ def load_model(path: Path, model: type[ModelT]) -> ModelT:
     tree = load_yaml(path)
     if tree is None:
         raise ConfigError(f"is empty; expected a {model.__name__}", path=path)
+    return validate_tree(path, tree, model)
+
+
+def validate_tree(path: Path, tree: Any, model: type[ModelT]) -> ModelT:  # noqa: ANN401 - not validated yet
+    """Check a document, or a block of one that kept its marks, against a `model`.
+
+    Raises:
+        ConfigError: every fault, one a line, each with file, line and column.
+    """
     try:
         return model.model_validate(tree)
     except ValidationError as error:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal, NamedTuple, Self
+from typing import Final, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -89,7 +90,8 @@ class AngleSweep(FileModel):
         return tuple(float(angle) for angle in angles)
 
 
-class CycleStep(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class CycleStep:
     """One temperature step of a cycle.
 
     `index` counts from 0 within the cycle; `ramp` is +1 while heating, -1 while cooling, by how the step is reached.

@@ -1,0 +1,230 @@
+"""The bench: devices in their roles, temperature control between them, and the way to make it safe."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, Protocol, final
+
+from arl_fixtures.bench.clock import AnyClock
+from arl_fixtures.bench.config import BenchConfig
+from arl_fixtures.bench.control import CascadedControl
+from arl_fixtures.bench.settle import SettleReport, SettleWatch
+from arl_fixtures.devices.interfaces import Chiller, Reading, Relays, Stage, Thermometer
+from arl_fixtures.errors import DeviceError, InterlockError
+from arl_fixtures.metrics.block import AngleBlock
+
+SAFE_ATTEMPTS: Final = 3
+
+
+class Duts(Protocol):
+    """The receiver of all DUTs' frames."""
+
+    def collect(
+        self,
+        serials: Sequence[str],
+        n_frames: int,
+        *,
+        not_before_s: float,
+        timeout_s: float,
+        angle_index: int = 0,
+        stage_angle_deg: float = 0.0,
+    ) -> dict[str, AngleBlock]:
+        """The first `n_frames` frames of each DUT whose exposure began at or after `not_before_s`."""
+
+    def close(self) -> None:
+        """Release the sockets."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BenchReading:
+    """One look at all temperatures; None where a sensor gives no value.
+
+    Attributes:
+        time_s: bench time.
+        time_ns: bench UTC.
+        temperatures_c: sensor name (`ambient`, `plate`, `T2`…, `coolant`, `setpoint`) to °C.
+        faults: sensor name to what is wrong with it.
+        housings: names of the housing sensors in DUT order.
+    """
+
+    time_s: float
+    time_ns: int
+    temperatures_c: Mapping[str, float | None]
+    faults: Mapping[str, str]
+    housings: tuple[str, ...]
+
+    @property
+    def housings_c(self) -> dict[str, float | None]:
+        """Housing sensors alone."""
+        return {name: self.temperatures_c[name] for name in self.housings}
+
+
+@final
+class Bench:
+    """Everything on the bench, opened.
+
+    Args:
+        config: the bench file.
+        clock: bench clock.
+        chiller, thermometer, stage, relays, duts: the opened devices.
+        on_close: what else must be released.
+    """
+
+    def __init__(
+        self,
+        config: BenchConfig,
+        clock: AnyClock,
+        *,
+        chiller: Chiller,
+        thermometer: Thermometer,
+        stage: Stage,
+        relays: Relays,
+        duts: Duts,
+        on_close: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.config, self.clock = config, clock
+        self.chiller, self.thermometer, self.stage, self.relays, self.duts = chiller, thermometer, stage, relays, duts
+        self.observers: list[Callable[[BenchReading], None]] = []
+        self.set_temperature_c: float | None = None
+        self._on_close = on_close
+        self._control: CascadedControl | None = None
+        self._next_turn_s = clock.now_s
+        self._closed = False
+
+    @property
+    def serials(self) -> tuple[str, ...]:
+        """Serial numbers of the DUTs, in housing order."""
+        return tuple(dut.serial for dut in self.config.dut_settings)
+
+    def start(self) -> None:
+        """Home the stage, power the DUTs and their lasers, start the chiller at the present coolant temperature."""
+        self.stage.home(self.config.home_timeout_s)
+        for load in self.relays.loads():
+            self.relays.set(load, True)
+        bath_c = self.chiller.bath_c()
+        self.chiller.set_setpoint_c(bath_c)
+        self.chiller.start()
+        self._control = CascadedControl(self.config.control, setpoint_c=bath_c, now_s=self.clock.now_s)
+        self._next_turn_s = self.clock.now_s
+
+    def read(self) -> BenchReading:
+        """Read all thermocouples and the chiller's bath; tells every observer."""
+        config = self.config.thermometer
+        readings = self.thermometer.read_c()
+        named: dict[str, Reading] = {
+            name: readings[channel] if channel < len(readings) else Reading(None, "no such channel")
+            for name, channel in config.named_channels().items()
+        }
+        temperatures: dict[str, float | None] = {name: reading.value_c for name, reading in named.items()}
+        temperatures["coolant"] = self.chiller.bath_c()
+        if self._control is not None:
+            temperatures["setpoint"] = self._control.state.setpoint_c
+        reading = BenchReading(
+            time_s=self.clock.now_s,
+            time_ns=self.clock.utc_ns(),
+            temperatures_c=temperatures,
+            faults={name: reading.fault for name, reading in named.items() if reading.fault},
+            housings=config.housing_names(),
+        )
+        for observer in self.observers:
+            observer(reading)
+        return reading
+
+    def turn(self) -> BenchReading | None:
+        """One turn of the control loop if it is due."""
+        if self.clock.now_s < self._next_turn_s:
+            return None
+        self._next_turn_s = self.clock.now_s + self.config.control.period_s
+        reading = self.read()
+        known = [value for value in reading.housings_c.values() if value is not None]
+        # without any housing temperature the set-point stays: the interlock decides what follows
+        if self._control is not None and self.set_temperature_c is not None and known:
+            mean_c = sum(known) / len(known)
+            self.chiller.set_setpoint_c(
+                self._control.next_setpoint_c(self.set_temperature_c, mean_c, self.clock.now_s)
+            )
+        return reading
+
+    def settle(
+        self, set_temperature_c: float, *, progress: Callable[[BenchReading, float], None] | None = None
+    ) -> SettleReport:
+        """Bring all housings to `set_temperature_c`.
+
+        Args:
+            set_temperature_c: where they shall be.
+            progress: called with each reading and the seconds since the start.
+        """
+        self.set_temperature_c = set_temperature_c
+        start_s = self.clock.now_s
+        first = self.read()
+        known = [value for value in first.housings_c.values() if value is not None]
+        mean_c = sum(known) / len(known) if known else set_temperature_c
+        watch = SettleWatch(self.config.settle, set_temperature_c, start_s=start_s, start_mean_c=mean_c)
+        while True:
+            reading = self.turn()
+            if reading is not None:
+                if progress is not None:
+                    progress(reading, reading.time_s - start_s)
+                report = watch.see(reading.time_s, reading.housings_c)
+                if report is not None:
+                    return report
+            self.wait_for_turn()
+
+    def wait_for_turn(self) -> None:
+        """Let time pass until the control loop is due."""
+        self.clock.sleep(max(self._next_turn_s - self.clock.now_s, 0.0))
+
+    def soak(self, duration_s: float) -> None:
+        """Hold the temperature for `duration_s`."""
+        end_s = self.clock.now_s + duration_s
+        while self.clock.now_s < end_s:
+            self.turn()
+            self.clock.sleep(max(min(self._next_turn_s, end_s) - self.clock.now_s, 0.0))
+
+    def make_safe(self) -> list[str]:
+        """Laser and DUT power off, set-point to the safe temperature, stage stopped; each verified and retried.
+
+        Returns:
+            what could not be verified, in words; empty when the bench is safe.
+        """
+        self.set_temperature_c = None
+        safe_c = self.config.safe_temperature_c
+
+        def coolant_commanded() -> None:
+            taken_c = self.chiller.set_setpoint_c(safe_c)
+            if abs(taken_c - safe_c) > 0.1:
+                raise InterlockError(f"chiller took {taken_c:g} °C instead of {safe_c:g} °C")
+
+        actions = (
+            ("power off", self.relays.all_off),
+            (f"set-point to {safe_c:g} °C", coolant_commanded),
+            ("stage stop", self.stage.stop),
+        )
+        return [fault for name, action in actions if (fault := _attempt(name, action))]
+
+    def close(self) -> list[str]:
+        """Make safe and release every line. Closing twice is no error."""
+        if self._closed:
+            return []
+        self._closed = True
+        faults = self.make_safe()
+        for device in (self.duts, self.relays, self.stage, self.thermometer, self.chiller):
+            with contextlib.suppress(DeviceError):
+                device.close()
+        self._on_close()
+        return faults
+
+
+def _attempt(name: str, action: Callable[[], None]) -> str:
+    """Do `action`, again if it fails; returns what went wrong at the last try, empty when it worked."""
+    fault = ""
+    for _ in range(SAFE_ATTEMPTS):
+        try:
+            action()
+        except (DeviceError, InterlockError) as error:
+            fault = f"{name} failed: {error}"
+        else:
+            return ""
+    return fault

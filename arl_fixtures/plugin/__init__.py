@@ -1,0 +1,1 @@
+"""The pytest plugin: options, fixtures, one test per temperature step, outcome and reports."""

@@ -1,0 +1,71 @@
+"""The pytest options of the bench, each with an ini default so that a project sets them once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """What the user asked for, paths resolved against the project's root."""
+
+    bench: str
+    profile: str
+    limits: Path
+    out: Path
+    cycles: int
+    first_cycle: int
+    resume: bool
+
+
+def add_options(parser: pytest.Parser) -> None:
+    """Declare options and their ini twins."""
+    group = parser.getgroup("arl", "LiDAR aging bench")
+    group.addoption("--bench", metavar="FILE", help="bench file, or the name of a bench that comes with the package")
+    group.addoption("--profile", metavar="FILE", help="profile file, or the name of a built-in profile")
+    group.addoption("--limits", metavar="FILE", help="limits file")
+    group.addoption("--out", metavar="FOLDER", help="where bags, journal and reports go")
+    group.addoption("--cycles", type=int, metavar="N", help="number of cycles to run (default 1)")
+    group.addoption("--first-cycle", type=int, metavar="N", help="cycle count of the first cycle (default 0)")
+    group.addoption("--resume", action="store_true", help="go on where the newest journal in the output folder ended")
+    parser.addini("arl_bench", "default of --bench", default="emulated")
+    parser.addini("arl_profile", "default of --profile", default="short")
+    parser.addini("arl_limits", "default of --limits", default="limits/default.yaml")
+    parser.addini("arl_out", "default of --out", default="out")
+
+
+def read_options(config: pytest.Config) -> Options:
+    """Options of this session.
+
+    Raises:
+        pytest.UsageError: a number that makes no sense.
+    """
+
+    def text(name: str) -> str:
+        return str(config.getoption(f"--{name}") or config.getini(f"arl_{name}"))
+
+    def count(name: str, default: int, least: int) -> int:
+        value = config.getoption(name)
+        if value is None:
+            return default
+        if value < least:
+            raise pytest.UsageError(f"{name} {value}: expected at least {least}")
+        return int(value)
+
+    return Options(
+        bench=_here(config, text("bench")),
+        profile=_here(config, text("profile")),
+        limits=config.rootpath / text("limits"),
+        out=config.rootpath / text("out"),
+        cycles=count("--cycles", 1, 1),
+        first_cycle=count("--first-cycle", 0, 0),
+        resume=bool(config.getoption("--resume")),
+    )
+
+
+def _here(config: pytest.Config, name_or_path: str) -> str:
+    is_file = name_or_path.endswith((".yaml", ".yml"))
+    return str(config.rootpath / name_or_path) if is_file else name_or_path
