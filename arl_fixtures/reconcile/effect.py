@@ -30,8 +30,8 @@ needs it), so that the effect alone cannot imitate a calibration.
 holds no such row.
 
 **History** (lag, frost, ageing): rows come in no promised order and the view may hold a part only. Compute on the
-whole table (`view.columns`: per `dut` and `cycle`, ordered by `time_s` or `step`) and take `[view.rows]`; cache what does
-not depend on parameters.
+whole table (`view.columns`: per `dut` and `cycle`, ordered by `time_s` or `step`) and take `[view.rows]`; cache what
+does not depend on parameters.
 
 **Restriction**: do not enumerate DUTs (or cycles). The engine itself tries every effect on one DUT only. Enumerate
 surfaces, columns, directions where the physics does; keep to about ten variants, each one costs.

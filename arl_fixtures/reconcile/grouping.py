@@ -1,0 +1,151 @@
+"""Which rows share errors: groups told from the columns that a table has.
+
+Rows of one step share what the bench did in that step, rows of one image what it did in that image, all rows of a
+pixel its fixed pattern, all rows of a stage angle the stage's own error. A table without steps is cut into blocks
+of neighbouring conditions instead: rows next to each other in time or in a swept quantity are never independent
+witnesses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray
+
+UNIT_WORDS = ("zone", "pixel", "channel", "sensor", "device", "unit", "module", "serial", "run", "tap")
+BLOCKS_WITHOUT_STEPS = 16
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Groups:
+    """Codes on all rows of a table, 0…k−1 each; None where the table has no such level.
+
+    Attributes:
+        unit: what is calibrated as one (a DUT, a zone, a run).
+        step: rows that share the bench's state.
+        frame: rows of one image, nested in `step`.
+        pixel: rows of one pixel of one unit.
+        angle: rows of one stage angle of one unit.
+        block: unit of holding out: steps, or blocks of neighbouring conditions.
+        block_name: what a block is, for the report.
+        unit_columns: columns that make the unit.
+    """
+
+    unit: IntArray
+    step: IntArray
+    frame: IntArray | None
+    pixel: IntArray | None
+    angle: IntArray | None
+    block: IntArray
+    block_name: str
+    unit_columns: tuple[str, ...]
+
+
+def find_groups(table: Columns) -> Groups:
+    """Groups of a table, see `Groups`."""
+    unit_columns = _unit_columns(table)
+    unit = table.group(*unit_columns)
+    step_columns: tuple[str, ...] = tuple(n for n in ("cycle", "step") if n in table.numbers)
+    if "step" not in table.numbers:
+        step_columns += tuple(n for n in ("set_temperature_c", "ramp") if n in table.numbers)
+    step = _dense(unit, table.group(*step_columns)) if step_columns else unit
+    name = "temperature steps"
+    angle = _dense(unit, table.codes_of("stage_angle_deg")) if _few(table, "stage_angle_deg") else None
+    if step.max() - unit.max() < 3:
+        swept = swept_column(table)
+        if swept:
+            step = _dense(unit, _blocks_along(table.numbers[swept], unit))
+            name = f"blocks of neighbouring {swept}"
+    frame = _dense(step, angle) if angle is not None else None
+    pixel = None
+    if "pixel_u" in table.numbers or "pixel_v" in table.numbers:
+        pixel = _dense(unit, table.group("pixel_u", "pixel_v"))
+    pixel = _if_repeated(pixel, table.n)
+    angle = _if_repeated(angle, table.n)
+    frame = _if_repeated(frame, table.n)
+    if frame is not None and frame.max() == step.max():
+        frame = None
+    block = step
+    if step.max() < 3:
+        block, name = _last_resort(table, unit)
+    return Groups(
+        unit=unit, step=step, frame=frame, pixel=pixel, angle=angle, block=block, block_name=name,
+        unit_columns=unit_columns,
+    )  # fmt: skip
+
+
+def swept_column(table: Columns) -> str:
+    """The numeric covariate along which the rows were taken: time, else the one with most distinct values."""
+    taken = {c.name for c in table.channels}
+    best, most = "", 7
+    for name, values in sorted(table.numbers.items()):
+        bare = name.removesuffix("_std")
+        if name.startswith("sim_") or name in taken or bare in taken or name in {"n_frames", "pixel_u", "pixel_v"}:
+            continue
+        finite = values[np.isfinite(values)]
+        distinct = len(np.unique(finite)) if len(finite) > 0.9 * table.n else 0
+        if name == "time_s" and distinct > 7:
+            return name
+        smooth = name in {"true_range_m", "stage_angle_deg"} or "drive" in name
+        if distinct * (100 if smooth and distinct > 7 else 1) > most:
+            best, most = name, distinct * (100 if smooth else 1)
+    return best
+
+
+def _unit_columns(table: Columns) -> tuple[str, ...]:
+    if "dut" in table.categories:
+        return ("dut",)
+    found = [n for n in sorted(table.categories) if n not in {"surface", "mixed"} and any(w in n for w in UNIT_WORDS)]
+    for name in sorted(table.numbers):
+        if name.startswith(("sim_", "pixel_")) or not any(
+            word == name or name.startswith(word) for word in UNIT_WORDS
+        ):
+            continue
+        values = table.numbers[name]
+        values = values[np.isfinite(values)]
+        if len(values) and np.all(values == np.round(values)) and 1 < len(np.unique(values)) <= 64:
+            found.append(name)
+    return tuple(found)
+
+
+def _few(table: Columns, name: str) -> bool:
+    if name not in table.numbers:
+        return False
+    return 1 < len(np.unique(table.numbers[name])) < max(table.n // 3, 2)
+
+
+def _dense(*codes: IntArray) -> IntArray:
+    result = codes[0]
+    for code in codes[1:]:
+        joint = result * (int(code.max()) + 1) + code
+        result = np.unique(joint, return_inverse=True)[1].astype(np.int64)
+    return result
+
+
+def _if_repeated(code: IntArray | None, n: int) -> IntArray | None:
+    """A level is of use only with at least three groups and on average two rows in each."""
+    if code is None or code.max() < 2 or (int(code.max()) + 1) * 2 > n:
+        return None
+    return code
+
+
+def _blocks_along(values: FloatArray, unit: IntArray) -> IntArray:
+    """Blocks of neighbouring values, equally filled, the same cuts for all units."""
+    ranked = np.nan_to_num(values, nan=float(np.nanmedian(values)))
+    distinct = len(np.unique(ranked))
+    pieces = int(min(BLOCKS_WITHOUT_STEPS, max(distinct // 2, 2)))
+    edges = np.unique(np.quantile(ranked, np.linspace(0, 1, pieces + 1)[1:-1]))
+    return np.searchsorted(edges, ranked, side="right").astype(np.int64)
+
+
+def _last_resort(table: Columns, unit: IntArray) -> tuple[IntArray, str]:
+    """Blocks for holding out where steps are too few: angles, patches of pixels, else runs of rows."""
+    if _few(table, "stage_angle_deg"):
+        return table.codes_of("stage_angle_deg"), "stage angles"
+    if "pixel_u" in table.numbers:
+        v = table.numbers.get("pixel_v", np.zeros(table.n))
+        return table.group("pixel_u") // 4 * 1000 + np.nan_to_num(v).astype(np.int64) // 4, "patches of pixels"
+    pieces = max(min(BLOCKS_WITHOUT_STEPS, table.n // 2), 1)
+    return np.arange(table.n) * pieces // table.n, "runs of neighbouring rows"

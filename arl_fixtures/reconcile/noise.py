@@ -1,0 +1,141 @@
+"""Noise of a channel: independent scatter of each row, and what groups of rows share by chance.
+
+A row's mean has the standard error `sim_X_std / sqrt(n_frames)`. On top of it rows share random effects: all rows
+of a step, of an image (nested in the step), of a pixel, of a stage angle. Each has a variance that is estimated by
+maximum likelihood from the residual at hand, never assumed zero; a declared `sim_X_repeat_std` is its lower bound
+for the step.
+
+`Whitener` turns residuals and tangents into independent unit variables: for one grouping the transform x → x − d·(1
+− 1/√(1 + τ²W))·(d·x)/W, with d = √w·g the direction and W = d·d, is the exact inverse square root of 1 + τ² d d';
+nested groupings are exact too (the inner transform first, the outer on the transformed direction), crossed ones
+(pixel, angle) are an approximation that is good when each group is spread thinly over the others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from arl_fixtures.reconcile.columns import FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Level:
+    """One grouping of a channel's rows.
+
+    Attributes:
+        name: `pixel`, `angle`, `frame` or `step`.
+        code: group of each row, 0…count−1.
+        count: number of groups.
+        scale: shape of the shared error on each row: τ·scale is its standard deviation.
+        floor: lower bound of τ (1 where the scale is the declared repeatability).
+    """
+
+    name: str
+    code: IntArray
+    count: int
+    scale: FloatArray
+    floor: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Step:
+    code: IntArray
+    count: int
+    direction: FloatArray
+    weight: FloatArray
+    shrink: FloatArray
+
+
+class Whitener:
+    """Linear map to independent unit variables for given group scatters.
+
+    Args:
+        root_weight: 1 / standard error of each row (0 = row does not count).
+        levels: crossed levels first, then `frame`, then `step`.
+        tau: level name to scatter in units of the level's scale.
+    """
+
+    def __init__(self, root_weight: FloatArray, levels: tuple[Level, ...], tau: dict[str, float]) -> None:
+        self.root_weight = root_weight
+        self.levels = levels
+        self.tau = {level.name: max(tau.get(level.name, 0.0), level.floor) for level in levels}
+        self._steps: list[_Step] = []
+        self.log_det = 0.0
+        for level in levels:
+            step = self._prepare(level, self.tau[level.name])
+            self._steps.append(step)
+            self.log_det += float(np.sum(np.log1p(self.tau[level.name] ** 2 * step.weight)))
+
+    def _prepare(self, level: Level, tau: float) -> _Step:
+        direction = self.root_weight * level.scale
+        if level.name == "step":
+            for step, inner in zip(self._steps, self.levels, strict=False):
+                if inner.name == "frame":
+                    direction = _apply(step, direction)
+        weight = _sum_by(level.code, direction**2, level.count)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            shrink = np.where(weight > 0, (1.0 - 1.0 / np.sqrt(1.0 + tau**2 * weight)) / weight, 0.0)
+        return _Step(level.code, level.count, direction, weight, shrink)
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """Whiten a residual or tangent, shape (n,) or (k, n)."""
+        if x.ndim == 2:
+            return np.stack([self(row) for row in x]) if len(x) else x.copy()
+        z = self.root_weight * x
+        for step in self._steps:
+            z = _apply(step, z)
+        return z
+
+    def group_sums(self, x: FloatArray, name: str) -> tuple[FloatArray, FloatArray]:
+        """Per group of a level: projection of the residual on the group's direction, and its weight."""
+        z = self.root_weight * x
+        for level, step in zip(self.levels, self._steps, strict=True):
+            if level.name == name:
+                return _sum_by(step.code, step.direction * z, step.count), step.weight
+            z = _apply(step, z)
+        raise KeyError(name)
+
+
+def _sum_by(code: IntArray, x: FloatArray, count: int) -> FloatArray:
+    return np.asarray(np.bincount(code, x, minlength=count), dtype=np.float64)
+
+
+def _apply(step: _Step, z: FloatArray) -> FloatArray:
+    share = step.shrink * np.bincount(step.code, step.direction * z, minlength=step.count)
+    return z - step.direction * share[step.code]
+
+
+def fit_tau(sums: FloatArray, weight: FloatArray, *, floor: float = 0.0, lost: float = 0.0) -> tuple[float, float]:
+    """Maximum-likelihood scatter of a level.
+
+    Args:
+        sums, weight: of `Whitener.group_sums`; sums²/weight has expectation 1 + τ²·weight.
+        floor: smallest τ allowed.
+        lost: degrees of freedom that fitted parameters took from this level.
+
+    Returns:
+        τ, and the gain of log-likelihood over τ = floor.
+    """
+    good = weight > 0
+    if good.sum() < 3:
+        return floor, 0.0
+    weight = weight[good]
+    power = sums[good] ** 2 / weight * (len(weight) / max(len(weight) - lost, 1.0))
+
+    def loss(log_tau: float) -> float:
+        variance = 1.0 + np.exp(2.0 * log_tau) * weight
+        return float(0.5 * np.sum(np.log(variance) + power / variance))
+
+    at_floor = 1.0 + floor**2 * weight
+    base = float(0.5 * np.sum(np.log(at_floor) + power / at_floor))
+    unit = -0.5 * float(np.log(np.median(weight)))
+    low = np.log(floor) if floor > 0 else unit - 4.0
+    high = max(unit + 0.5 * float(np.log(max(power.max(), 1.0))) + 2.0, low + 1.0)
+    best = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": 1e-3})
+    gain = base - float(best.fun)
+    if gain <= 1e-9:
+        return floor, 0.0
+    return float(np.exp(best.x)), gain
