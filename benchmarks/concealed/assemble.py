@@ -1,0 +1,120 @@
+"""From expectations to tables: noise, shared scatter, sample scatter, holes and columns of an observation table."""
+
+import numpy as np
+
+from benchmarks.concealed.case import (
+    Case,
+    Concealment,
+    calibrated,
+    describe,
+    held_mask,
+    reach,
+    shared_scale,
+)
+from benchmarks.concealed.effect import Effect
+from benchmarks.concealed.flash import Expected
+from benchmarks.concealed.sensor import Sensor
+
+
+def _deviates(rng: np.random.Generator, size: int, tails: str) -> np.ndarray:
+    if tails == "heavy":
+        return rng.standard_t(4, size=size) / np.sqrt(2.0)
+    z = rng.normal(size=size)
+    return np.where(rng.random(size) < 0.05, 8.0 * z, z) if tails == "outliers" else z
+
+
+def _group_draw(rng: np.random.Generator, labels: np.ndarray) -> np.ndarray:
+    _, where = np.unique(labels, return_inverse=True)
+    return rng.normal(size=int(where.max()) + 1)[where]
+
+
+def _measure(
+    rng: np.random.Generator,
+    sensor: Sensor,
+    sim: Expected,
+    truth: Expected,
+    effects: list[tuple[Effect, float]],
+    conceal: Concealment,
+    held: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """Measured channels with every kind of noise."""
+    size = sensor.n_frames.size
+    scale = shared_scale(sensor, sim, conceal)
+    out = {}
+    for channel in sensor.channels:
+        mean, std = truth.mean[channel].copy(), truth.std[channel]
+        noise = np.where(held, rng.normal(size=size), _deviates(rng, size, conceal.tails))
+        value = mean + noise * std / np.sqrt(sensor.n_frames)
+        if scale[channel] is not None:
+            value += scale[channel] * _group_draw(rng, sensor.group)
+        for effect, amount in effects:
+            if effect.kind == "common" and channel in effect.channels and effect.common_scale is not None:
+                labels = sensor.sweep if effect.nature == "sweep" else sensor.group
+                value += effect.common_scale(truth.mean[channel], amount) * _group_draw(rng, labels)
+        blind = truth.valid <= 0
+        out[channel] = np.where(blind, np.nan, value)
+        if conceal.with_std:
+            free = np.maximum(sensor.n_frames - 1, 1)
+            out[f"{channel}_std"] = np.where(
+                blind | (sensor.n_frames < 2), np.nan, std * np.sqrt(rng.chisquare(free) / free)
+            )
+    return out
+
+
+def _columns(sensor: Sensor, sim: Expected, conceal: Concealment) -> dict[str, np.ndarray]:
+    columns = {name: value for name, value in sensor.columns.items() if name not in conceal.dropped}
+    scale = shared_scale(sensor, sim, conceal)
+    for channel in sensor.channels:
+        columns[f"sim_{channel}"] = sim.mean[channel]
+        columns[f"sim_{channel}_std"] = sim.std[channel]
+        if conceal.repeat == "declared" and scale[channel] is not None:
+            columns[f"sim_{channel}_repeat_std"] = np.asarray(scale[channel])
+    columns["n_frames"] = sensor.n_frames
+    return columns
+
+
+def build(
+    rng: np.random.Generator, sensor: Sensor, effects: list[Effect], wanted: list[float], conceal: Concealment
+) -> Case:
+    """A case with `effects` at the visibilities `wanted` (none for a null case)."""
+    kind, held = held_mask(rng, sensor, effects)
+    seen = ~held & (rng.random(held.size) >= conceal.holes)
+    drawn, told = [], []
+    for effect, goal in zip(effects, wanted, strict=True):
+        amount, reached = reach(sensor, effect, goal, conceal, seen)
+        drawn.append((effect, amount))
+        told.append(describe(effect, amount, reached, sensor))
+    nominal = sensor.answer([])
+    truth = sensor.answer(drawn)
+    sim = calibrated(sensor, nominal, truth, conceal.calibration, seen)
+    measured = _measure(rng, sensor, sim, truth, drawn, conceal, held)
+    columns = _columns(sensor, sim, conceal)
+    if any(e.kind == "dead" for e in effects) or (sensor.writes_valid and rng.random() < 0.2):
+        # a share of frames without a return: the simulation expects a return everywhere
+        columns |= {"sim_valid_fraction": np.ones(held.size), "sim_valid_fraction_std": np.full(held.size, 0.02)}
+        measured["valid_fraction"] = truth.valid
+    order = rng.permutation(np.flatnonzero(seen)) if rng.random() < 0.5 else np.flatnonzero(seen)
+    there = np.flatnonzero(held)
+    whole = columns | measured
+    oracle = {name: truth.mean[name][there] for name in sensor.channels}
+    if conceal.with_std:
+        oracle |= {f"{name}_std": truth.std[name][there] for name in sensor.channels}
+    case = Case(
+        table={n: v[order] for n, v in whole.items()},
+        heldout={n: v[there] for n, v in whole.items()},
+        oracle=oracle,
+    )
+    case.truth = {
+        "sensor": sensor.name,
+        "effects": told,
+        "heldout": kind,
+        "rows": int(order.size),
+        "concealment": {
+            "repeat": conceal.repeat,
+            "calibration": conceal.calibration,
+            "tails": conceal.tails,
+            "holes": conceal.holes,
+            "with_std": conceal.with_std,
+        },
+    }
+    return case

@@ -1,0 +1,403 @@
+"""Concealed effects of laser, beam and optics on the flash sensor."""
+
+import numpy as np
+
+from benchmarks.concealed.designs import ageing, dense_rows, fine_sweep, full_frame, sparse
+from benchmarks.concealed.effect import DISTANCE, HISTORY, HOT, INTENSITY, Effect, Parameter, sign, wide
+from benchmarks.concealed.flash import Light, Reality, illuminate, nominal_beam
+from benchmarks.concealed.recipe import Recipe
+from benchmarks.concealed.rows import Design, Rows
+from benchmarks.concealed.scene import block_centres
+
+FIELD = ("azimuth_deg", "pixel_u", "elevation_deg", "pixel_v")
+
+
+def _thermal_rolloff(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
+    drive = wide(rng, 2.0, 6.0)  # current over threshold at 25 °C
+
+    def apply(reality: Reality, amount: float) -> None:
+        def power(rows: Rows, light: Light) -> np.ndarray:
+            heat = rows.node_c["laser"] - 25.0
+            return np.maximum(drive - np.exp(amount * heat), 0.0) / (drive - 1.0)
+
+        reality.transmission.append(power)
+
+    free = design.laser_program_k > 0
+    return Effect(
+        effect="laser.thermal_rolloff",
+        apply=apply,
+        channels=(INTENSITY,),
+        start=0.01,
+        limit=0.2,
+        drivers=("laser_temperature_c",) if free else HOT,
+        needs=("laser_temperature_c",),
+        unseen=("steps", "dut", "angles"),
+        equivalents=() if free else ("detector.gain_temperature",),
+    )
+
+
+def _power_decay(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
+    # every emitter of the array has its own rate: the sum decays by no single law
+    rates = np.exp(rng.normal(0.0, rng.uniform(0.3, 1.2), size=400))
+    rates /= rates.mean()
+    last = max(design.cycles)
+
+    def apply(reality: Reality, amount: float) -> None:
+        def power(rows: Rows, light: Light) -> np.ndarray:
+            age, back = np.unique(rows.cycle, return_inverse=True)
+            return np.exp(-amount * rates[None, :] * (age[:, None] / last)).mean(axis=1)[back]
+
+        reality.transmission.append(power)
+
+    return Effect(
+        effect="laser.power_decay",
+        apply=apply,
+        channels=(INTENSITY,),
+        start=0.01,
+        limit=1.0,
+        drivers=("cycle",),
+        needs=("cycle",),
+        unseen=("cycle", "steps", "angles"),
+    )
+
+
+def _energy_jitter(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
+    def apply(reality: Reality, amount: float) -> None:
+        def widen(rows: Rows, channel: str, std: np.ndarray, intensity: np.ndarray) -> np.ndarray:
+            return np.hypot(std, amount * intensity) if channel == INTENSITY else std
+
+        reality.noise.append(widen)
+
+    return Effect(
+        effect="laser.pulse_energy_jitter",
+        apply=apply,
+        channels=("intensity_counts_std", INTENSITY),
+        kind="scatter",
+        drivers=("sim_intensity_counts", "reflectance", "surface", "sim_intensity_counts_std"),
+        start=0.003,
+        limit=0.1,
+        needs=("intensity_counts_std",),
+        unseen=("steps", "angles"),
+        calibrations=("none",),
+    )
+
+
+def _rail_coupling(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
+    def apply(reality: Reality, amount: float) -> None:
+        reality.transmission.append(lambda rows, light: 1.0 + amount * (rows.rail - 1.0))
+
+    return Effect(
+        effect="electronics.rail_coupling",
+        apply=apply,
+        channels=(INTENSITY,),
+        drivers=(design.rail_name,),
+        start=0.3,
+        limit=20.0,
+        needs=(design.rail_name,),
+        unseen=("steps", "angles"),
+    )
+
+
+def _profile_shift(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
+    bearing = rng.uniform(0, 2 * np.pi)
+    across, up = np.cos(bearing), np.sin(bearing)
+
+    def apply(reality: Reality, amount: float) -> None:
+        def beam(rows: Rows, azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
+            moved = amount * (rows.node_c["laser"] * 0 + rows.node_c["housing"] - 25.0) / 50.0
+            return nominal_beam(azimuth - across * moved, elevation - up * moved)
+
+        reality.beam.append(beam)
+
+    return Effect(
+        effect="beam.profile_shift",
+        apply=apply,
+        channels=(INTENSITY,),
+        drivers=(*HOT, *FIELD),
+        start=0.1,
+        limit=5.0,
+        needs=FIELD,
+        unseen=("steps", "angles"),
+        calibrations=("none", "global", "pixel"),
+    )
+
+
+def _profile_change(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
+    last = max(design.cycles)
+    hollow = rng.random() < 0.4
+
+    def apply(reality: Reality, amount: float) -> None:
+        def beam(rows: Rows, azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
+            age = amount * rows.cycle / last
+            if hollow:  # the centre of the diffuser wears first
+                radius = (azimuth / 60.0) ** 2 + (elevation / 14.0) ** 2
+                return nominal_beam(azimuth, elevation) * (1.0 - age * np.exp(-3.0 * radius))
+            return nominal_beam(azimuth * (1 + age), elevation * (1 + 0.7 * age))
+
+        reality.beam.append(beam)
+
+    return Effect(
+        effect="beam.profile_change",
+        apply=apply,
+        channels=(INTENSITY,),
+        drivers=("cycle", *FIELD),
+        start=0.02,
+        limit=0.6,
+        needs=(*FIELD, "cycle"),
+        unseen=("steps", "angles", "cycle"),
+        calibrations=("none", "global"),
+    )
+
+
+def _vignetting(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
+    def apply(reality: Reality, amount: float) -> None:
+        def overlap(rows: Rows, light: Light) -> np.ndarray:
+            # two circular stops seen at the field angle slide apart: area of the lens they share
+            off = np.tan(np.radians(np.hypot(light.azimuth_deg, light.elevation_deg)))
+            d = np.minimum(amount * off, 1.95) / 2.0
+            return (2.0 / np.pi * (np.arccos(d) - d * np.sqrt(1 - d * d))) ** 2
+
+        reality.transmission.append(overlap)
+
+    return Effect(
+        effect="optics.vignetting",
+        apply=apply,
+        channels=(INTENSITY,),
+        drivers=FIELD,
+        start=0.05,
+        limit=1.2,
+        needs=FIELD,
+        unseen=("steps", "angles"),
+        equivalents=("beam.profile_change",),
+    )
+
+
+def _filter_shift(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
+    index, width_nm = wide(rng, 1.6, 2.1), wide(rng, 30.0, 100.0)
+    order = float(rng.choice([4.0, 8.0]))
+    drift_nm_k = rng.uniform(0.02, 0.08)
+    line_nm = rng.uniform(0.3, 1.5)
+    grid = 1064.0 + np.linspace(-4, 4, 33) * line_nm / 2.355
+    line = np.exp(-0.5 * ((grid - 1064.0) / (line_nm / 2.355)) ** 2)
+    line /= line.sum()
+
+    def apply(reality: Reality, amount: float) -> None:
+        def passed(angle_deg: np.ndarray, heat_k: np.ndarray) -> np.ndarray:
+            centre = 1064.0 + amount * 0.3 * width_nm
+            sine = np.sin(np.radians(angle_deg)) / index
+            moved = centre * (1.0 - amount * (1.0 - np.sqrt(1.0 - sine * sine))) + amount * drift_nm_k * heat_k
+            off = (grid[None, :] - moved[:, None]) / (width_nm / 2.0)
+            return np.exp(-np.log(2.0) * np.abs(off) ** order) @ line
+
+        def filtered(rows: Rows, light: Light) -> np.ndarray:
+            field = np.hypot(light.azimuth_deg, light.elevation_deg)
+            heat = rows.node_c["housing"] - 25.0
+            return passed(field, heat) / passed(np.zeros(1), np.zeros(1))
+
+        reality.transmission.append(filtered)
+
+    return Effect(
+        effect="optics.filter_shift",
+        apply=apply,
+        channels=(INTENSITY,),
+        drivers=(*FIELD, *HOT),
+        start=0.3,
+        limit=1.6,
+        needs=(*FIELD, *HOT[:2]),
+        unseen=("steps", "angles"),
+        calibrations=("none", "pixel"),
+        equivalents=("optics.vignetting", "beam.profile_change"),
+    )
+
+
+def _frost(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
+    slope = rng.uniform(0.0, 0.8) * sign(rng)
+    peak = float(rows.frost_kg_m2.max())
+
+    def apply(reality: Reality, amount: float) -> None:
+        def film(rows: Rows, light: Light) -> np.ndarray:
+            thick = rows.frost_kg_m2 / peak * (1.0 + slope * (rows.v - 15.5) / 15.5)
+            return np.exp(-2.0 * amount * thick)
+
+        reality.transmission.append(film)
+
+    cold = float(rows.node_c["housing"][rows.frost_kg_m2 > 0.05 * peak].max())
+    return Effect(
+        effect="optics.window_frost",
+        apply=apply,
+        channels=(INTENSITY,),
+        drivers=(*HISTORY, "pixel_v"),
+        start=0.05,
+        limit=4.0,
+        needs=(*HOT[:2], "ramp", "pixel_v", "time_s"),
+        unseen=("angles",),
+        where={"housing_temperature_c": [-15.0, cold]},
+    )
+
+
+def _contamination(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
+    dut = int(rng.choice(design.duts))
+    centre = design.pixels[rng.integers(len(design.pixels))]
+    blobs = [
+        (
+            centre[0] + rng.normal(0, 5),
+            centre[1] + rng.normal(0, 2),
+            rng.uniform(4, 14),
+            rng.uniform(2, 6),
+            rng.uniform(0.4, 1.0),
+        )
+        for _ in range(int(rng.integers(2, 5)))
+    ]
+
+    def cover(rows: Rows) -> np.ndarray:
+        clear = np.ones(len(rows))
+        for u, v, su, sv, depth in blobs:
+            clear *= 1.0 - depth * (((rows.u - u) / su) ** 2 + ((rows.v - v) / sv) ** 2 < 1.0)
+        return (1.0 - clear) * (rows.dut == dut)
+
+    def apply(reality: Reality, amount: float) -> None:
+        reality.transmission.append(lambda rows, light: (1.0 - min(amount, 1.0) * cover(rows)) ** 2)
+
+    dirty = cover(rows) > 0
+    u, v = rows.u[dirty], rows.v[dirty]
+    where: dict[str, list[object]] = {
+        "pixel_u": [int(u.min()), int(u.max())],
+        "pixel_v": [int(v.min()), int(v.max())],
+    }
+    if len(design.duts) > 1:
+        where["dut"] = [f"#{dut}"]
+    return Effect(
+        effect="optics.window_contamination",
+        apply=apply,
+        channels=(INTENSITY,),
+        drivers=(*FIELD, "dut"),
+        start=0.05,
+        limit=0.95,
+        where=where,
+        needs=(*FIELD, "dut"),
+        unseen=("steps", "angles"),
+    )
+
+
+def _glare(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
+    u, v = block_centres()
+    keys, first, back = np.unique(rows.dut * 1000.0 + rows.angle_deg, return_index=True, return_inverse=True)
+    frames = []
+    for k in first:
+        scene = rows.take(np.full(u.size, k))
+        frames.append(illuminate(scene, Reality(), u=u, v=v).counts.mean())
+    load = np.array(frames)[back]
+    table = dict(zip(keys, np.array(frames), strict=True))
+
+    def apply(reality: Reality, amount: float) -> None:
+        def spread(rows: Rows, amplitude: np.ndarray) -> np.ndarray:
+            key = rows.dut * 1000.0 + rows.angle_deg
+            return (
+                amount * (load if key.size == load.size else np.array([table[k] for k in key])) - amount * amplitude
+            )
+
+        reality.stray.append(spread)
+
+    return Effect(
+        effect="optics.veiling_glare",
+        apply=apply,
+        channels=(INTENSITY,),
+        start=0.005,
+        limit=0.5,
+        drivers=("stage_angle_deg", "sim_intensity_counts", "reflectance", "surface", "pixel_u"),
+        unseen=("steps", "angles"),
+        needs=("stage_angle_deg",),
+        parameters=lambda a: (Parameter(pattern="share|fraction|strength|glare", value=a, unit=""),),
+    )
+
+
+def _ghost(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
+    cu, cv = 63.5 + rng.uniform(-2, 2), 15.5 + rng.uniform(-2, 2)
+
+    def apply(reality: Reality, amount: float) -> None:
+        def mirrored(rows: Rows, amplitude: np.ndarray) -> np.ndarray:
+            u, v = np.clip(2 * cu - rows.u, -2, 129), np.clip(2 * cv - rows.v, -2, 33)
+            return amount * illuminate(rows, Reality(), u=u, v=v).counts
+
+        reality.stray.append(mirrored)
+
+    return Effect(
+        effect="optics.ghost",
+        apply=apply,
+        channels=(INTENSITY,),
+        start=0.003,
+        limit=0.3,
+        drivers=("pixel_u", "azimuth_deg", "stage_angle_deg", "pixel_v"),
+        unseen=("steps",),
+        needs=("stage_angle_deg", *FIELD),
+    )
+
+
+def _focal_drift(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
+    way = sign(rng)
+
+    def apply(reality: Reality, amount: float) -> None:
+        reality.focal.append(lambda rows: 1.0 + way * amount * (rows.node_c["housing"] - 25.0))
+
+    return Effect(
+        effect="optics.focal_drift",
+        apply=apply,
+        channels=(INTENSITY, DISTANCE),
+        drivers=(*HOT, *FIELD),
+        start=2e-5,
+        limit=2e-3,
+        needs=(*FIELD, *HOT[:2], "stage_angle_deg"),
+        unseen=("steps",),
+        parameters=lambda a: (Parameter(pattern="focal|coeff|slope|k", value=way * a, unit="1/K"),),
+        calibrations=("none", "global", "pixel"),
+    )
+
+
+def _defocus(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
+    best_c = rng.uniform(15, 35)
+    static = rng.random() < 0.4
+
+    def apply(reality: Reality, amount: float) -> None:
+        def blur(rows: Rows) -> np.ndarray:
+            away = np.ones(len(rows)) if static else np.abs(rows.node_c["housing"] - best_c) / 60.0
+            return amount * away
+
+        reality.blur_px.append(blur)
+
+    return Effect(
+        effect="optics.defocus",
+        apply=apply,
+        channels=(INTENSITY, DISTANCE),
+        start=0.15,
+        limit=3.0,
+        drivers=("mixed", "surface", "stage_angle_deg", *FIELD, *HOT),
+        needs=(*FIELD, "stage_angle_deg"),
+        unseen=("steps",),
+        equivalents=("target.edge_mixing",) if static else (),
+    )
+
+
+RECIPES = (
+    Recipe(
+        "laser.thermal_rolloff",
+        lambda r: sparse(r, laser_program_k=float(r.choice([0.0, 8.0, 10.0], p=[0.2, 0.4, 0.4]))),
+        _thermal_rolloff,
+    ),
+    Recipe("laser.power_decay", ageing, _power_decay),
+    Recipe("laser.pulse_energy_jitter", sparse, _energy_jitter),
+    Recipe("electronics.rail_coupling", lambda r: sparse(r, rail_wander=wide(r, 0.005, 0.02)), _rail_coupling),
+    Recipe("beam.profile_shift", lambda r: sparse(r, pixels=40, angles=7), _profile_shift),
+    Recipe("beam.profile_change", lambda r: ageing(r, pixels=40, angles=5, steps=6), _profile_change),
+    Recipe("optics.vignetting", lambda r: sparse(r, pixels=60, angles=9, steps=8), _vignetting),
+    Recipe("optics.filter_shift", lambda r: sparse(r, pixels=60, angles=7, steps=10), _filter_shift),
+    Recipe(
+        "optics.window_frost",
+        lambda r: sparse(r, steps=30, pixels=20, angles=7, duts=1, dew_point_c=float(r.uniform(-3, 4))),
+        _frost,
+    ),
+    Recipe("optics.window_contamination", lambda r: full_frame(r, stride=2, steps=3), _contamination),
+    Recipe("optics.veiling_glare", lambda r: sparse(r, angles=15, steps=8), _glare),
+    Recipe("optics.ghost", lambda r: full_frame(r, steps=1, angles=5, stride=1), _ghost),
+    Recipe("optics.focal_drift", lambda r: fine_sweep(r, steps=8, pixels=30), _focal_drift),
+    Recipe("optics.defocus", lambda r: dense_rows(r, rows=3, steps=5, angles=7), _defocus),
+)

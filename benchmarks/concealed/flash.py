@@ -1,0 +1,180 @@
+"""The flash sensor on the bench, forward: poses and temperatures to expected intensity, distance and scatter.
+
+`Reality` lists what reality does beyond the nominal model, stage by stage in the order light and signal pass:
+pose → rays → surfaces → beam and laser → window and optics → detector → timing → read-out. Every stage is a list of
+functions; with all lists empty the result is the nominal model itself.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from benchmarks.concealed.rows import Rows
+from benchmarks.concealed.scene import (
+    ARC_M,
+    DUT_HEIGHT_M,
+    Hits,
+    field_angles_deg,
+    pixel_rays,
+    to_chamber,
+    trace,
+    turn,
+)
+
+G_COUNTS = 4000.0
+THIRD = np.array([-1.0, 0.0, 1.0]) / 3.0
+OFFSET_U, OFFSET_V = (a.ravel() for a in np.meshgrid(THIRD, THIRD))
+
+PerRow = Callable[[Rows], np.ndarray]
+
+
+@dataclass(slots=True)
+class Light:
+    """Optical signal of rows: `weight` (N, S) of each sub-ray in counts, its `range_m`, the pixel's field angles."""
+
+    weight: np.ndarray
+    hits: Hits
+    azimuth_deg: np.ndarray
+    elevation_deg: np.ndarray
+
+    @property
+    def counts(self) -> np.ndarray:
+        return self.weight.mean(axis=1)
+
+
+@dataclass(slots=True)
+class Reality:
+    """What happens beyond the nominal model; see the module for the order."""
+
+    stage_deg: list[PerRow] = field(default_factory=list)
+    origin_m: list[PerRow] = field(default_factory=list)
+    tilt_deg: list[PerRow] = field(default_factory=list)
+    focal: list[PerRow] = field(default_factory=list)
+    blur_px: list[PerRow] = field(default_factory=list)
+    beam: list[Callable[[Rows, np.ndarray, np.ndarray], np.ndarray]] = field(default_factory=list)
+    surface: list[Callable[[Rows, Hits], np.ndarray]] = field(default_factory=list)
+    transmission: list[Callable[[Rows, Light], np.ndarray]] = field(default_factory=list)
+    stray: list[Callable[[Rows, np.ndarray], np.ndarray]] = field(default_factory=list)
+    electronics: list[Callable[[Rows, np.ndarray], np.ndarray]] = field(default_factory=list)
+    mixing: list[Callable[[Rows, Light, np.ndarray], np.ndarray]] = field(default_factory=list)
+    timing: list[Callable[[Rows, np.ndarray, np.ndarray], np.ndarray]] = field(default_factory=list)
+    noise: list[Callable[[Rows, str, np.ndarray, np.ndarray], np.ndarray]] = field(default_factory=list)
+    dead: list[PerRow] = field(default_factory=list)
+    late_share: list[PerRow] = field(default_factory=list)
+
+    def moves_geometry(self) -> bool:
+        return bool(self.stage_deg or self.origin_m or self.tilt_deg or self.focal or self.blur_px)
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """Noise-free answer: `mean` and one-frame `std` per channel, and `valid` share of frames with a return."""
+
+    mean: dict[str, np.ndarray]
+    std: dict[str, np.ndarray]
+    valid: np.ndarray
+
+
+def nominal_beam(azimuth_deg: np.ndarray, elevation_deg: np.ndarray) -> np.ndarray:
+    """Relative optical power in a direction of the field."""
+    return np.exp(-((azimuth_deg / 75.0) ** 4) - (elevation_deg / 18.0) ** 4)
+
+
+def noise_counts(intensity: np.ndarray) -> np.ndarray:
+    """One-frame scatter of the intensity."""
+    return np.sqrt(36.0 + 0.25 * np.maximum(intensity, 0.0) + (0.004 * intensity) ** 2)
+
+
+def noise_m(intensity: np.ndarray) -> np.ndarray:
+    """One-frame scatter of the distance."""
+    return np.hypot(0.004, 0.30 * noise_counts(intensity) / np.maximum(intensity, 1.0))
+
+
+def _footprint(rows: Rows, reality: Reality) -> tuple[np.ndarray, np.ndarray]:
+    """Sub-ray offsets in pixels, each (N, S) or (1, S); a blur widens them by seeded points of a Gaussian."""
+    if not reality.blur_px:
+        return OFFSET_U[None, :], OFFSET_V[None, :]
+    sigma = np.sqrt(sum(np.square(f(rows)) for f in reality.blur_px))
+    points = np.random.default_rng(7).normal(size=(2, 5))
+    points = np.concatenate([points, -points], axis=1) / points.std()
+    du = (OFFSET_U[None, :, None] + sigma[:, None, None] * points[0]).reshape(len(rows), -1)
+    dv = (OFFSET_V[None, :, None] + sigma[:, None, None] * points[1]).reshape(len(rows), -1)
+    return du, dv
+
+
+def illuminate(rows: Rows, reality: Reality, *, u: np.ndarray | None = None, v: np.ndarray | None = None) -> Light:
+    """Light of each row's pixel (or of other pixels `u`, `v` at the same moment) before window and electronics."""
+    u = rows.u if u is None else u
+    v = rows.v if v is None else v
+    angle = rows.angle_deg + sum((f(rows) for f in reality.stage_deg), start=np.zeros(len(rows)))
+    focal = np.prod([np.ones(len(rows)), *(f(rows) for f in reality.focal)], axis=0)
+    du, dv = _footprint(rows, reality)
+    rays = pixel_rays(u[:, None] + du, v[:, None] + dv, focal[:, None])
+    azimuth, elevation = field_angles_deg(pixel_rays(u.astype(float), v.astype(float)))
+    for tilt in reality.tilt_deg:
+        roll, pitch, yaw = tilt(rows).T
+        rays = turn(rays, roll[:, None], pitch[:, None], yaw[:, None])
+    direction = to_chamber(rays, angle[:, None])
+    origin = np.zeros((len(rows), 3))
+    for offset in reality.origin_m:
+        origin = origin + to_chamber(offset(rows), angle)
+    origin[:, 2] += np.asarray(DUT_HEIGHT_M)[rows.dut]
+    hits = trace(origin[:, None, :], direction)
+    weight = hits.reflectance * hits.cos_incidence * (ARC_M / hits.range_m) ** 2
+    beam = nominal_beam(azimuth, elevation)
+    for change in reality.beam:
+        beam = change(rows, azimuth, elevation)
+    for factor in reality.surface:
+        weight = weight * factor(rows, hits)
+    return Light(weight=G_COUNTS * beam[:, None] * weight, hits=hits, azimuth_deg=azimuth, elevation_deg=elevation)
+
+
+def expect(rows: Rows, reality: Reality, light: Light | None = None) -> Expected:
+    """What the sensor reports on average, and how one frame scatters.
+
+    Args:
+        rows: what is measured.
+        reality: what happens beyond the nominal model.
+        light: nominal light of the same rows, to be used where the reality moves no ray.
+    """
+    if light is None or reality.moves_geometry() or reality.beam or reality.surface:
+        light = illuminate(rows, reality)
+    passed = light
+    for transmission in reality.transmission:
+        factor = transmission(rows, passed)
+        weight = passed.weight * (factor[:, None] if factor.ndim == 1 else factor)
+        passed = Light(weight, light.hits, light.azimuth_deg, light.elevation_deg)
+    amplitude = passed.counts
+    for add in reality.stray:
+        amplitude = amplitude + add(rows, amplitude)
+    distance = np.sum(passed.weight * passed.hits.range_m, axis=1) / np.sum(passed.weight, axis=1)
+    for mix in reality.mixing:
+        distance = mix(rows, passed, distance)
+    intensity = amplitude
+    for change in reality.electronics:
+        intensity = change(rows, intensity)
+    true_distance = distance
+    for shift in reality.timing:
+        distance = distance + shift(rows, amplitude, true_distance)
+    std = {"intensity_counts": noise_counts(intensity), "distance_m": noise_m(intensity)}
+    for widen in reality.noise:
+        std = {channel: widen(rows, channel, value, intensity) for channel, value in std.items()}
+    valid = np.ones(len(rows))
+    for dead in reality.dead:
+        valid = np.where(dead(rows), 0.0, valid)
+    answer = Expected({"intensity_counts": intensity, "distance_m": distance}, std, valid)
+    return _with_late_frames(rows, reality, answer) if reality.late_share else answer
+
+
+def _with_late_frames(rows: Rows, reality: Reality, here: Expected) -> Expected:
+    """A share of the frames was taken while the stage still stood at the sweep's previous angle."""
+    share = sum(f(rows) for f in reality.late_share)
+    before = expect(replace(rows, angle_deg=rows.previous_angle_deg), replace(reality, late_share=[]))
+    mean, std = {}, {}
+    for name, value in here.mean.items():
+        other = before.mean[name]
+        mean[name] = (1 - share) * value + share * other
+        within = (1 - share) * here.std[name] ** 2 + share * before.std[name] ** 2
+        std[name] = np.sqrt(within + share * (1 - share) * (value - other) ** 2)
+    return Expected(mean, std, here.valid)
