@@ -123,12 +123,14 @@ def code_frames(
     intensity += gains * spread.intensity_counts if spread.frame_gain_std > 0 else spread.intensity_counts
     distance *= spread.distance_std_m * per_metre
     distance += spread.distance_m * per_metre
-    np.clip(normal, 0, np.array([noise.full_counts, CODE_LIMIT], dtype=np.float32)[:, None, None], out=normal)
-    np.rint(normal, out=normal)
-    codes = normal.astype(np.uint16)
+    codes = np.empty(normal.shape, dtype=np.uint16)
     silent = ~spread.returns
-    codes[:, 0, silent] = 0
-    codes[:, 1, silent] = noise.no_return_code
+    for kind, (most, nothing) in enumerate(((noise.full_counts, 0), (CODE_LIMIT, noise.no_return_code))):
+        values = normal[:, kind]
+        np.rint(values, out=values)
+        np.clip(values, 0, most, out=values)
+        codes[:, kind] = values
+        np.copyto(codes[:, kind], nothing, where=silent)
     return codes[:, 0], codes[:, 1]
 
 
