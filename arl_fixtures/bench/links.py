@@ -94,7 +94,7 @@ class VirtualStreamPort:
 class VirtualNetwork:
     """The UDP side of an emulated bench: several senders, several listening ports.
 
-    Nothing is computed for times in which nobody waits: `skip_to_now` moves on past them, as a host does that
+    Nothing is computed for times in which nobody waits: `skip` moves on past them, as a host does that
     throws away what its socket collected meanwhile.
 
     Args:
@@ -126,12 +126,14 @@ class VirtualNetwork:
             next_s = min((d.next_time_s(clock.now_s) for d in self._devices), default=float("inf"))
             clock.sleep(max(min(next_s + self._poll_s, deadline_s) - clock.now_s, 0.0))
 
-    def skip_to_now(self, port: int) -> int:
-        """Forget what was sent to `port` up to now; returns how many datagrams were lying there."""
+    def skip(self, port: int, before_s: float) -> int:
+        """Forget what was sent to `port` up to now and before `before_s`; returns how many datagrams lay there."""
         queue = self._queues[port]
-        lost = len(queue)
+        kept = [datagram for datagram in queue if datagram.time_s >= before_s]
+        lost = len(queue) - len(kept)
         queue.clear()
-        self._sent_until_s = self._clock.now_s
+        queue.extend(kept)
+        self._sent_until_s = max(self._sent_until_s, min(self._clock.now_s, before_s))
         return lost
 
     def _collect(self) -> None:
@@ -164,9 +166,9 @@ class VirtualDatagramPort:
             raise DeviceLostError(f"{self.name}: the socket is closed")
         return self._network.take(self._port, timeout_s)
 
-    def discard(self) -> int:
-        """Forget what lies unread."""
-        return self._network.skip_to_now(self._port)
+    def discard(self, before_s: float = float("inf")) -> int:
+        """Forget what lies unread, and never compute what would."""
+        return self._network.skip(self._port, before_s)
 
     def close(self) -> None:
         """Stop listening."""

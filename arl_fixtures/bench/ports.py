@@ -210,11 +210,13 @@ class UdpPort:
             self._queue.clear()
         return taken
 
-    def discard(self) -> int:
-        """Forget what lies unread."""
+    def discard(self, before_s: float = float("inf")) -> int:
+        """Forget what lies unread and arrived before `before_s`."""
+        lost = 0
         with self._arrived:
-            lost = len(self._queue)
-            self._queue.clear()
+            while self._queue and self._queue[0].time_s < before_s:
+                self._queue.popleft()
+                lost += 1
         return lost
 
     def close(self) -> None:

@@ -64,8 +64,8 @@ class DatagramPort(Protocol):
     def receive(self, timeout_s: float) -> list[Datagram]:
         """All datagrams that have arrived, in order; empty when none came in `timeout_s`."""
 
-    def discard(self) -> int:
-        """Forget what lies unread; returns how many datagrams that were."""
+    def discard(self, before_s: float = float("inf")) -> int:
+        """Forget what lies unread and arrived before `before_s`; returns how many datagrams that were."""
 
     def close(self) -> None:
         """Release the socket. Closing twice is no error."""
