@@ -22,7 +22,11 @@ class Identity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChillerStatus:
-    """State of the chiller as it reports it."""
+    """State of the chiller as it reports it; None where it cannot tell.
+
+    `circulating` is what it was told, `pumping` what its pump does. Codes are the device's own, 0 for none;
+    pressure is absolute, about 1000 mbar with the pump at rest.
+    """
 
     controlling: bool
     circulating: bool
@@ -30,6 +34,8 @@ class ChillerStatus:
     warning_code: int
     level_percent: float | None
     pump_mbar: float | None
+    pumping: bool = True
+    pump_rpm: int | None = None
 
 
 class Chiller(Protocol):
