@@ -1,8 +1,9 @@
 """A physics-free model of a mismatch: boosted symmetric trees on binned columns.
 
-It is the ceiling: how much of the mismatch the table's columns can predict at all, whatever the physics. Named effects
-have to come near it, and what they leave must hold nothing that it can still predict on unseen blocks. Each tree splits
-all its nodes by the same column and threshold at each depth, which is fast with histograms and hard to over-fit.
+It is the ceiling: how much of the mismatch the table's columns can predict at all, whatever the physics. Named
+effects have to come near it, and what they leave must hold nothing that it can still predict on unseen blocks. Each
+tree splits all its nodes by the same column and threshold at each depth, which is fast with histograms and hard to
+over-fit.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,7 @@ class Columns:
         categories: text, boolean and identifier columns as codes (−1 = null) and sorted labels.
         channels: what can be compared.
         ignored: column to the reason why it is not used.
+        memo: room for what effects compute once per table, under keys of their own.
     """
 
     n: int
@@ -47,6 +49,7 @@ class Columns:
     categories: dict[str, tuple[IntArray, tuple[str, ...]]]
     channels: tuple[Channel, ...]
     ignored: dict[str, str] = field(default_factory=dict)
+    memo: dict[object, Any] = field(default_factory=dict)
     _groups: dict[tuple[str, ...], IntArray] = field(default_factory=dict)
     _relations: dict[tuple[object, ...], IntArray] = field(default_factory=dict)
 

@@ -7,6 +7,8 @@ to the row itself. So an effect is written once and never learns which rows are 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,6 +32,8 @@ class View:
     Args:
         columns: the whole table.
         rows: indices of the rows under work; all where None.
+
+    `memo` is room for what effects compute once per view, `columns.memo` for once per table.
     """
 
     def __init__(self, columns: Columns, rows: IntArray | None = None) -> None:
@@ -39,6 +43,8 @@ class View:
         self.n = len(self.rows)
         self._local: IntArray | None = None
         self._cache: dict[object, FloatArray] = {}
+        self._places: dict[object, IntArray] = {}
+        self.memo: dict[object, Any] = {}
         self.sim: State = {}
         for channel in columns.channels:
             self.sim[channel.name] = self.number(f"sim_{channel.name}")
@@ -254,7 +260,9 @@ class View:
         return self._cache[key]
 
     def _image_shift(self, du: int, dv: int) -> IntArray:
-        return self._image_place(self.number("pixel_u") + du, self.number("pixel_v") + dv)
+        if (du, dv) not in self._places:
+            self._places[du, dv] = self._image_place(self.number("pixel_u") + du, self.number("pixel_v") + dv)
+        return self._places[du, dv]
 
     def _image_place(self, u: FloatArray, v: FloatArray) -> IntArray:
         """Whole-table row of pixel (u, v) in each row's own image; −1 where there is none."""

@@ -1,0 +1,248 @@
+"""What many effects share: parameter shorthands, channels and drivers by meaning, light that carries its noise along.
+
+A change of light changes its noise. How much is read from the table itself: the simulation's own scatter against its
+own signal (`sigma² = a + b·I + c·I²`), and the scatter of a distance against the relative scatter of the signal.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from arl_fixtures.reconcile.effect import Effect, Parameter, State, Values, Variant
+from arl_fixtures.reconcile.roles import Role, suffix, unit_of
+from arl_fixtures.reconcile.view import View
+
+FloatArray = NDArray[np.float64]
+Cached = TypeVar("Cached")
+
+GROUPS: dict[str, tuple[str, ...]] = {
+    "step": ("dut", "cycle", "step"),
+    "frame": ("dut", "cycle", "step", "stage_angle_deg"),
+}
+"""Name of a grouping (an option of group-scatter variants) to the columns whose combination makes a group."""
+
+_SAMPLE = 20_000
+_WINDOW = ("plate_", "coolant_", "ambient_", "set_")
+_CALENDAR = ("cycle", "operating_time_h", "operating_hours_h", "shots")
+
+
+def amplitude(name: str, unit: str, low: float, high: float, typical: float) -> Parameter:
+    """A parameter that switches its effect off at zero."""
+    return Parameter(name=name, unit=unit, low=low, high=high, null=0.0, typical=typical)
+
+
+def shape(name: str, unit: str, low: float, high: float, *starts: float) -> Parameter:
+    """A parameter that matters only while an amplitude is not zero; the first start is its default."""
+    inside = tuple(dict.fromkeys(min(max(start, low), high) for start in starts))
+    return Parameter(name=name, unit=unit, low=low, high=high, starts=inside)
+
+
+def per_table(view: View, key: object, make: Callable[[], Cached]) -> Cached:
+    """Result of `make`, computed once for a table; `key` must name everything that it depends on."""
+    memo: dict[object, Any] = view.columns.memo
+    if key not in memo:
+        memo[key] = make()
+    found: Cached = memo[key]
+    return found
+
+
+def per_view(view: View, key: object, make: Callable[[], Cached]) -> Cached:
+    """Result of `make`, computed once for a view's rows."""
+    memo: dict[object, Any] = view.memo
+    if key not in memo:
+        memo[key] = make()
+    found: Cached = memo[key]
+    return found
+
+
+# ---- channels and drivers -----------------------------------------------------------------------------------
+
+
+def signals(view: View) -> tuple[str, ...]:
+    """Names of the intensity channels, three at most."""
+    return tuple(channel.name for channel in view.channels(Role.INTENSITY))[:3]
+
+
+def distances(view: View) -> tuple[str, ...]:
+    """Names of the distance channels, three at most (a dual-return sensor has two)."""
+    return tuple(channel.name for channel in view.channels(Role.DISTANCE))[:3]
+
+
+def with_scatter(view: View, *names: str) -> tuple[str, ...]:
+    """The channels and those of their scatters that are channels themselves; unknown names are left out."""
+    known = {channel.name for channel in view.columns.channels}
+    wanted = [name for name in names if name in known]
+    return tuple(wanted + [f"{name}_std" for name in wanted if f"{name}_std" in known])
+
+
+def temperature_drivers(view: View, *first: str, limit: int = 3, never: tuple[str, ...] = ()) -> tuple[str, ...]:
+    """Varying logged temperatures that may drive an effect, preferred ones first.
+
+    Temperatures of the bench (plate, coolant, ambient, set-point) come in only where no other is left.
+    """
+    names = [n for n in view.temperatures(*first) if not n.startswith(never)] if never else view.temperatures(*first)
+    near = [n for n in names if not n.startswith(_WINDOW)]
+    return tuple((near or list(names))[:limit])
+
+
+def age_drivers(view: View) -> tuple[str, ...]:
+    """Columns that count a device's age: cycles, operating hours, shots, else the time in the record."""
+    found = [n for n in view.covariates() if n in _CALENDAR or (suffix(n) == "h" and n not in _CALENDAR)]
+    if view.varies("time_s"):
+        found.append("time_s")
+    return tuple(found[:3])
+
+
+def excess(view: View, column: str) -> FloatArray:
+    """Driver minus its median over the table, zero where it was not logged."""
+    return per_view(view, ("excess", column), lambda: np.nan_to_num(view.number(column) - view.middle(column)))
+
+
+def half_span(view: View, column: str) -> float:
+    """Half of a driver's range over the table; 1 where it does not vary."""
+    low, high = view.span(column)
+    return (high - low) / 2.0 if high > low else 1.0
+
+
+def age(view: View, column: str) -> FloatArray:
+    """Age from 0 at the table's first value of `column` to 1 at its last."""
+    low, high = view.span(column)
+    return per_view(
+        view, ("age", column), lambda: np.nan_to_num((view.number(column) - low) / max(high - low, 1e-300))
+    )
+
+
+def unit_per(column: str, unit: str = "1") -> str:
+    """Unit of a slope: `unit` per unit of the column, kelvin for temperatures."""
+    below = unit_of(column)
+    return f"{unit}/{'K' if below == '°C' else below if below != '1' else column}"
+
+
+def top_signal(view: View, channel: str) -> float:
+    """Strongest simulated signal of the table but for outliers: the 99.9 % quantile."""
+
+    def measure() -> float:
+        values = view.columns.numbers[f"sim_{channel}"]
+        finite = values[np.isfinite(values)]
+        return max(float(np.quantile(finite, 0.999)), 1e-30) if finite.size else 1.0
+
+    return per_table(view, ("top", channel), measure)
+
+
+# ---- noise that goes with the light -------------------------------------------------------------------------
+
+
+def noise_law(view: View, channel: str) -> tuple[float, float, float]:
+    """(a, b, c) of the simulation's one-frame variance a + b·I + c·I²; (1, 0, 0) where it is not given."""
+
+    def fit() -> tuple[float, float, float]:
+        numbers = view.columns.numbers
+        if f"sim_{channel}_std" not in numbers:
+            return 1.0, 0.0, 0.0
+        signal, sigma = numbers[f"sim_{channel}"], numbers[f"sim_{channel}_std"]
+        good = np.flatnonzero(np.isfinite(signal) & (signal >= 0.0) & np.isfinite(sigma) & (sigma > 0.0))
+        good = good[:: max(1, good.size // _SAMPLE)]
+        if good.size < 3:
+            return 1.0, 0.0, 0.0
+        scale = max(float(np.max(signal[good])), 1e-300)
+        x, variance = signal[good] / scale, sigma[good] ** 2
+        coefficients = nnls(np.column_stack([np.ones_like(x), x, x * x]) / variance[:, None], np.ones_like(x))[0]
+        a, b, c = coefficients / np.array([1.0, scale, scale**2])
+        return (float(a), float(b), float(c)) if a + b + c > 0.0 else (1.0, 0.0, 0.0)
+
+    return per_table(view, ("noise law", channel), fit)
+
+
+def _distance_noise_law(view: View, distance: str, signal: str) -> tuple[float, float]:
+    """(a, b) of the simulation's one-frame variance of a distance a + b·(sigma_I / I)²."""
+
+    def fit() -> tuple[float, float]:
+        numbers = view.columns.numbers
+        needed = [f"sim_{distance}_std", f"sim_{signal}_std", f"sim_{signal}"]
+        if any(name not in numbers for name in needed):
+            return 1.0, 0.0
+        spread, sigma, light = (numbers[name] for name in needed)
+        good = np.isfinite(spread) & (spread > 0.0) & np.isfinite(sigma) & np.isfinite(light) & (light > 0.0)
+        rows = np.flatnonzero(good)[:: max(1, int(good.sum()) // _SAMPLE)]
+        if rows.size < 3:
+            return 1.0, 0.0
+        relative, variance = (sigma[rows] / light[rows]) ** 2, spread[rows] ** 2
+        a, b = nnls(np.column_stack([np.ones_like(relative), relative]) / variance[:, None], np.ones(rows.size))[0]
+        return (float(a), float(b)) if a + b > 0.0 else (1.0, 0.0)
+
+    return per_table(view, ("distance noise law", distance, signal), fit)
+
+
+def variance_at(view: View, channel: str, signal: FloatArray) -> FloatArray:
+    """One-frame variance that the simulation's noise law gives for a signal."""
+    a, b, c = noise_law(view, channel)
+    light = np.maximum(np.nan_to_num(signal), 0.0)
+    return a + b * light + c * light**2
+
+
+def set_light(view: View, state: State, channel: str, light: FloatArray) -> None:
+    """Put a new signal into the state; its scatter and that of the distance follow the table's noise laws."""
+    before = state[channel]
+    state[channel] = light
+    scatter = f"{channel}_std"
+    if scatter not in state:
+        return
+    old, new = variance_at(view, channel, before), variance_at(view, channel, light)
+    growth = new / np.maximum(old, 1e-300)
+    state[scatter] = state[scatter] * np.sqrt(growth)
+    if channel != view.channel(Role.INTENSITY):
+        return
+    for distance in distances(view):
+        a, b = _distance_noise_law(view, distance, channel)
+        if f"{distance}_std" not in state or b == 0.0:
+            continue
+        with np.errstate(divide="ignore", invalid="ignore"):
+            was = a + b * old / np.where(before > 0.0, before, np.nan) ** 2
+            now = a + b * new / np.where(light > 0.0, light, np.nan) ** 2
+            ratio = np.sqrt(np.clip(now / was, 1e-4, 1e4))
+        state[f"{distance}_std"] = state[f"{distance}_std"] * np.where(np.isfinite(ratio), ratio, 1.0)
+
+
+def set_response(state: State, channel: str, signal: FloatArray, slope: FloatArray) -> None:
+    """Put a signal that electronics bent into the state; its scatter is multiplied by the local slope."""
+    state[channel] = signal
+    if f"{channel}_std" in state:
+        state[f"{channel}_std"] = state[f"{channel}_std"] * slope
+
+
+def light_channels(view: View, channel: str) -> tuple[str, ...]:
+    """Channels that move with a signal: itself, its scatter, and the distance's scatter, as far as measured."""
+    spreads = [f"{name}_std" for name in distances(view)] if channel == view.channel(Role.INTENSITY) else []
+    known = {entry.name for entry in view.columns.channels}
+    return with_scatter(view, channel) + tuple(name for name in spreads if name in known)
+
+
+class LightFactor(Effect):
+    """An effect that multiplies one signal, named by the option `channel`, by a factor (1 where absent)."""
+
+    @abstractmethod
+    def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
+        """Factor of the light on every row, positive and finite."""
+
+    def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
+        """Multiplies the light; noise goes with it."""
+        channel = str(variant.options["channel"])
+        set_light(view, state, channel, state[channel] * self.factor(variant, values, view))
+
+    def change(self, variant: Variant, values: Values, view: View) -> tuple[float, float]:
+        """Lowest and highest change in percent over the middle 98 % of the rows."""
+        if view.n == 0:
+            return 0.0, 0.0
+        low, high = np.quantile(self.factor(variant, values, view), [0.01, 0.99])
+        return float(low - 1.0) * 100.0, float(high - 1.0) * 100.0
+
+
+def percent(low: float, high: float) -> str:
+    """Two changes in percent as words for a sentence."""
+    return f"between {low:+.1f} and {high:+.1f} %"

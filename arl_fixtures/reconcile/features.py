@@ -1,0 +1,51 @@
+"""Columns that a physics-free model may use: covariates, the simulation itself, and what lies next to a row."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.view import View
+
+NEIGHBOURS = ((1, 0), (-1, 0), (0, 1), (0, -1))
+
+
+def features_of(view: View) -> dict[str, FloatArray]:
+    """Every column on which a mismatch may depend, on the view's rows.
+
+    Derived ones carry a `~`: `~edge(X)` (mean of the neighbouring pixels − own, over own), `~sweep(X)` (next stage angle −
+    own), `~before(X)` (frame taken before − own), `~frame(X)` (mean of the image over own), `~parity(pixel_u)`.
+    """
+    found: dict[str, FloatArray] = {name: view.number(name) for name in view.covariates() if name != "n_frames"}
+    for name in sorted(view.columns.categories):
+        if view.labels(name):
+            found[name] = view.codes(name)[0].astype(np.float64)
+    state = view.fresh_state()
+    for channel in view.columns.channels:
+        if channel.role is Role.SCATTER:
+            continue
+        name = channel.name
+        values = view.sim[name]
+        if np.nanmax(values) > np.nanmin(values):
+            found[f"sim_{name}"] = values
+    signal = view.channel(Role.INTENSITY)
+    if signal:
+        own = np.maximum(np.abs(view.sim[signal]), 1e-9)
+        if view.varies("pixel_u") or view.varies("pixel_v"):
+            near = [view.neighbour(state, signal, du=du, dv=dv) for du, dv in NEIGHBOURS]
+            stacked = np.stack(near)
+            count = np.isfinite(stacked).sum(axis=0)
+            if np.mean(count > 0) > 0.05:
+                mean = np.nansum(stacked, axis=0) / np.maximum(count, 1)
+                found[f"~edge({signal})"] = np.where(count > 0, mean / own - 1.0, np.nan)
+        if view.varies("stage_angle_deg"):
+            for steps in (-1, 1):
+                found[f"~sweep{steps:+d}({signal})"] = view.in_sweep(state, signal, steps=steps) / own - 1.0
+            found[f"~before({signal})"] = view.acquired_before(state, signal) / own - 1.0
+            if view.varies("pixel_u"):
+                found[f"~frame({signal})"] = view.frame_mean(state, signal) / own
+    for name in ("pixel_u", "pixel_v"):
+        if view.varies(name):
+            found[f"~parity({name})"] = np.mod(view.number(name), 2.0)
+    return {name: values for name, values in found.items() if np.isfinite(values).any()}

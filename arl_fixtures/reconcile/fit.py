@@ -1,0 +1,135 @@
+"""Joint fit of the parameters of several effects: damped least squares on whitened residuals, within bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.effect import Parameter, State
+from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.terms import Term, forward
+
+
+@dataclass(slots=True, kw_only=True)
+class Fit:
+    """Result of a fit.
+
+    Attributes:
+        terms: with fitted values.
+        state: corrected simulation of the problem's rows.
+        residual: whitened residual.
+        jacobian: derivative of the corrected simulation, whitened, one column per free parameter.
+        keys: (term index, parameter) of each column.
+        log_likelihood: with the group scatters at their best (`finish` sets it).
+    """
+
+    terms: tuple[Term, ...]
+    state: State
+    residual: FloatArray
+    jacobian: FloatArray
+    keys: list[tuple[int, Parameter]]
+    log_likelihood: float = -np.inf
+
+    @property
+    def chi2(self) -> float:
+        """Sum of squares of the whitened residual."""
+        return float(self.residual @ self.residual)
+
+    def values(self) -> FloatArray:
+        """Free parameters in the order of `keys`."""
+        return np.array([self.terms[index].values[p.name] for index, p in self.keys])
+
+
+def free_keys(terms: Sequence[Term]) -> list[tuple[int, Parameter]]:
+    """All plain parameters of all terms."""
+    return [(index, p) for index, term in enumerate(terms) for p in term.free()]
+
+
+def unit_step(p: Parameter) -> float:
+    """Natural scale of a parameter."""
+    return abs(p.typical) if p.is_amplitude else 0.1 * (p.high - p.low)
+
+
+def with_vector(terms: Sequence[Term], keys: list[tuple[int, Parameter]], vector: FloatArray) -> tuple[Term, ...]:
+    """Terms with the values of a vector."""
+    values = [dict(term.values) for term in terms]
+    for (index, p), x in zip(keys, vector, strict=True):
+        values[index][p.name] = float(x)
+    return tuple(term.with_values(v) for term, v in zip(terms, values, strict=True))
+
+
+def jacobian_of(
+    problem: Problem, terms: Sequence[Term], keys: list[tuple[int, Parameter]], state: State, step: float = 0.01
+) -> FloatArray:
+    """Numerical derivative, whitened, shape (stacked rows, parameters)."""
+    columns = []
+    vector = np.array([terms[index].values[p.name] for index, p in keys])
+    for place, (_, p) in enumerate(keys):
+        h = step * unit_step(p)
+        if vector[place] + h > p.high:
+            h = -h
+        moved = vector.copy()
+        moved[place] += h
+        columns.append(problem.whiten_change(state, forward(with_vector(terms, keys, moved), problem.view)) / h)
+    return np.stack(columns, axis=1) if columns else np.zeros((sum(len(d.use) for d in problem.data), 0))
+
+
+def fit(problem: Problem, terms: Sequence[Term], *, rounds: int = 12, tolerance: float = 0.02) -> Fit:
+    """Least squares from the terms' present values.
+
+    Args:
+        problem: rows, weights and scatters (kept as they are).
+        terms: start.
+        rounds: most Gauss-Newton steps.
+        tolerance: stop when a step gains less log-likelihood than this.
+    """
+    keys = free_keys(terms)
+    low = np.array([p.low for _, p in keys])
+    high = np.array([p.high for _, p in keys])
+    scale = np.array([unit_step(p) for _, p in keys])
+    vector = np.array([terms[index].values[p.name] for index, p in keys])
+    now = tuple(terms)
+    state = forward(now, problem.view)
+    residual = problem.whiten_state(state)
+    jacobian = jacobian_of(problem, now, keys, state)
+    damping = 1e-3
+    for _ in range(rounds if keys else 0):
+        gradient = (jacobian.T @ residual) * scale
+        hessian = (jacobian.T @ jacobian) * np.outer(scale, scale)
+        at_bound = ((vector <= low) & (gradient < 0)) | ((vector >= high) & (gradient > 0))
+        free = ~at_bound & (np.diag(hessian) > 0)
+        if not free.any():
+            break
+        gained = False
+        gain = 0.0
+        for _ in range(6):
+            block = hessian[np.ix_(free, free)]
+            block = block + np.diag(damping * np.diag(block) + 1e-9 * np.trace(block) / len(block))
+            step = np.zeros(len(vector))
+            step[free] = np.linalg.solve(block, gradient[free]) * scale[free]
+            trial_vector = np.clip(vector + step, low, high)
+            trial = with_vector(now, keys, trial_vector)
+            trial_state = forward(trial, problem.view)
+            trial_residual = problem.whiten_state(trial_state)
+            gain = 0.5 * float(residual @ residual - trial_residual @ trial_residual)
+            if gain > 0:
+                gained = True
+                break
+            damping = max(damping, 1e-3) * 10.0
+        if not gained:
+            break
+        vector, now, state, residual = trial_vector, trial, trial_state, trial_residual
+        damping = max(damping / 10.0, 1e-6)
+        if gain < tolerance:
+            break
+        jacobian = jacobian_of(problem, now, keys, state)
+    return Fit(terms=now, state=state, residual=residual, jacobian=jacobian, keys=keys)
+
+
+def finish(problem: Problem, found: Fit) -> Fit:
+    """Set the likelihood with the group scatters at their best for this fit."""
+    found.log_likelihood = problem.log_likelihood(found.state, lost=float(len(found.keys)))
+    return found

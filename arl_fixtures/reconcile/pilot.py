@@ -1,0 +1,122 @@
+"""First look without physics: how far rows scatter beyond their stated noise, which rows are outliers, what is there at all.
+
+A physics-free model is cross-fitted over whole blocks; what it leaves gives the row's true scatter (robust) and the
+outliers. It also is the ceiling against which named effects are judged.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from arl_fixtures.reconcile.boosting import Binned, Ceiling, bin_columns, ceiling
+from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.features import features_of
+from arl_fixtures.reconcile.problem import ChannelData, Problem
+
+MOST_ROWS = 12_000
+TAIL_Z = 2.5
+TAIL_SHARE = 0.004
+"""More than this share of rows beyond 4 standard errors means heavy tails (a Gaussian has 0.00006)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Structure:
+    """What a physics-free model predicts of one channel's residual.
+
+    Attributes:
+        ceiling: on the rows used.
+        z: significance of the held-out gain over blocks.
+        gain: held-out log-likelihood gain scaled to all rows of the channel.
+    """
+
+    channel: str
+    ceiling: Ceiling
+    z: float
+    gain: float
+
+
+class Looker:
+    """Physics-free looks at residuals of one problem; features are binned once."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.binned: Binned = bin_columns(features_of(problem.view))
+
+    def rows_of(self, data: ChannelData) -> IntArray:
+        """Rows of a channel that are looked at: at most `MOST_ROWS`, evenly spread."""
+        n = len(data.use)
+        return np.arange(n) if n <= MOST_ROWS else (np.arange(MOST_ROWS) * n // MOST_ROWS)
+
+    def look(self, data: ChannelData, state: State, *, trees: int = 60) -> Structure:
+        """Cross-fit the residual of a channel."""
+        rows = self.rows_of(data)
+        residual = data.residual(state)
+        if data.calibrated:
+            constants = data.constants_of(data.whitener(residual))
+            residual = residual - data.scale * constants[data.unit]
+        target = residual[rows] / data.scale[rows]
+        weight = (data.root_weight[rows] * data.scale[rows]) ** 2
+        limit = 30.0 / np.sqrt(np.maximum(weight, 1e-300))
+        target = np.clip(target, -limit - 10 * _spread(target), limit + 10 * _spread(target))
+        codes = self.binned.codes[:, data.use[rows]]
+        found = ceiling(
+            Binned(self.binned.names, codes, self.binned.edges), target, weight, data.fold[rows], trees=trees
+        )
+        before = weight * target**2
+        after = weight * (target - found.prediction) ** 2
+        gains = np.bincount(np.unique(data.block[rows], return_inverse=True)[1], 0.5 * (before - after))
+        spread = float(np.sqrt(np.sum((gains - gains.mean()) ** 2))) if len(gains) > 1 else np.inf
+        z = float(gains.sum()) / spread if spread > 0 else 0.0
+        return Structure(channel=data.channel.name, ceiling=found, z=z, gain=found.gain * len(data.use) / len(rows))
+
+    def calibrate(self, data: ChannelData, state: State, *, structure: Structure | None = None) -> Structure:
+        """Set spread, trust and group scatters of a channel from what the physics-free model leaves."""
+        data.trust = np.ones(len(data.use))
+        data.spread = 1.0
+        data.rebuild({})
+        found = structure
+        for _ in range(2):
+            found = self.look(data, state, trees=40)
+            rows = self.rows_of(data)
+            residual = data.residual(state)
+            if data.calibrated:
+                residual = residual - data.scale * data.constants_of(data.whitener(residual))[data.unit]
+            left = residual[rows] / data.scale[rows] - found.ceiling.prediction
+            self._set_noise(data, rows, left)
+            _, tau = data.fit_scatter(residual)
+            data.rebuild(tau)
+            if data.spread < 1.5 and data.trust.min() == 1.0:
+                break
+        assert found is not None
+        return found
+
+    def _set_noise(self, data: ChannelData, rows: IntArray, left: FloatArray) -> None:
+        """Spread and trust from the residual (in units of the scale) on some rows."""
+        z = left * data.scale[rows] / data.stated[rows]
+        for level in data.levels:
+            code = level.code[rows]
+            count = np.bincount(code, minlength=level.count)
+            if np.median(count[count > 0]) >= 4:
+                z = z - _group_median(code, z, level.count)[code]
+        spread = 1.4826 * float(np.median(np.abs(z)))
+        data.spread = max(spread, 1.0) if data.stated_known else max(spread, 0.05)
+        beyond = np.abs(z) / data.spread
+        if np.mean(beyond > 4.0) > TAIL_SHARE:
+            trust = np.ones(len(data.use))
+            trust[rows] = np.minimum(1.0, TAIL_Z / np.maximum(beyond, 1e-9))
+            data.trust = trust
+
+
+def _spread(x: FloatArray) -> float:
+    return 1.4826 * float(np.median(np.abs(x - np.median(x))))
+
+
+def _group_median(code: IntArray, x: FloatArray, count: int) -> FloatArray:
+    order = np.lexsort((x, code))
+    sizes = np.bincount(code, minlength=count)
+    start = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    middle = np.minimum(start + sizes // 2, len(x) - 1)
+    return np.asarray(x[order][middle], dtype=np.float64)

@@ -1,0 +1,245 @@
+"""A table's comparison as a statistical problem: residuals, weights, groups, calibration, likelihood."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import Channel, Columns, FloatArray, IntArray
+from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.grouping import Groups, find_groups
+from arl_fixtures.reconcile.noise import Level, Whitener, fit_tau
+from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.view import View
+
+FOLDS = 5
+CALIBRATED = (Role.INTENSITY, Role.DISTANCE)
+"""Roles whose gain or offset a user calibrates per unit: a constant of theirs carries no finding."""
+
+
+@dataclass(slots=True, kw_only=True)
+class ChannelData:
+    """One channel on the rows that can be compared.
+
+    Attributes:
+        channel: what it is.
+        use: positions among the view's rows.
+        measured: measured values there.
+        stated: standard error of the row's mean by the simulation's own noise model (estimated where it has none).
+        spread: factor by which rows scatter more than stated.
+        trust: weight of each row, 1 or less for outliers.
+        scale: what a gain error of 1 would change (the simulation itself), or 1 for an offset.
+        unit: calibration unit of each row; units: their number.
+        levels: groups that share errors.
+        fold: hold-out fold of each row.
+        whitener: of the present scatters.
+        stated_known: whether the simulation states its noise.
+    """
+
+    channel: Channel
+    use: IntArray
+    measured: FloatArray
+    stated: FloatArray
+    scale: FloatArray
+    unit: IntArray
+    units: int
+    levels: tuple[Level, ...]
+    fold: IntArray
+    block: IntArray
+    stated_known: bool
+    spread: float = 1.0
+    trust: FloatArray = field(default_factory=lambda: np.zeros(0))
+    tau: dict[str, float] = field(default_factory=dict)
+    whitener: Whitener = field(init=False)
+    intercept: FloatArray = field(init=False)
+    intercept_weight: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.trust = np.ones(len(self.use)) if len(self.trust) == 0 else self.trust
+        self.rebuild(self.tau)
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether a constant per unit is a matter of calibration."""
+        return self.channel.role in CALIBRATED
+
+    @property
+    def root_weight(self) -> FloatArray:
+        """1 / standard error, with outliers held back."""
+        return np.sqrt(self.trust) / (self.stated * self.spread)
+
+    def rebuild(self, tau: dict[str, float]) -> None:
+        """Make the whitener anew for other scatters, weights or spread."""
+        self.tau = dict(tau)
+        self.whitener = Whitener(self.root_weight, self.levels, self.tau)
+        if self.calibrated:
+            self.intercept = self.whitener(self.scale)
+            weight = np.bincount(self.unit, self.intercept**2, minlength=self.units)
+            self.intercept_weight = np.where(weight > 0, weight, np.inf)
+
+    def whiten(self, x: FloatArray) -> FloatArray:
+        """Independent unit variables, without what a constant per unit explains."""
+        z = self.whitener(x)
+        if self.calibrated:
+            z = z - self.intercept * self.constants_of(z)[self.unit]
+        return z
+
+    def constants_of(self, whitened: FloatArray) -> FloatArray:
+        """Fitted gain or offset of each unit from a whitened residual."""
+        total = np.bincount(self.unit, self.intercept * whitened, minlength=self.units)
+        return np.asarray(total / self.intercept_weight, dtype=np.float64)
+
+    def residual(self, state: State) -> FloatArray:
+        """Measured − corrected simulation."""
+        return self.measured - state[self.channel.name][self.use]
+
+    def fit_scatter(self, residual: FloatArray, *, lost: float = 0.0) -> tuple[float, dict[str, float]]:
+        """Likelihood with the group scatters at their best.
+
+        Returns:
+            log-likelihood (up to a constant of the channel), scatters. The whitener is left as it was.
+        """
+        tau: dict[str, float] = {}
+        centred = residual
+        if self.calibrated:
+            centred = residual - self.scale * self.constants_of(self.whitener(residual))[self.unit]
+        for index, level in enumerate(self.levels):
+            partial = Whitener(self.root_weight, self.levels[: index + 1], {**tau, level.name: level.floor})
+            sums, weight = partial.group_sums(centred, level.name)
+            count = float(self.units if self.calibrated else 0) + (lost if level.name == "step" else 0.0)
+            tau[level.name], _ = fit_tau(sums, weight, floor=level.floor, lost=min(count, level.count / 2.0))
+        kept = self.tau
+        self.rebuild(tau)
+        z = self.whiten(residual)
+        value = -0.5 * (float(z @ z) + self.whitener.log_det)
+        self.rebuild(kept)
+        return value, tau
+
+
+class Problem:
+    """All channels of some rows of a table.
+
+    Args:
+        columns: the table.
+        rows: rows under work; all where None.
+        groups: of the whole table; found where None.
+    """
+
+    def __init__(self, columns: Columns, rows: IntArray | None = None, groups: Groups | None = None) -> None:
+        self.columns = columns
+        self.view = View(columns, rows)
+        self.groups = groups if groups is not None else find_groups(columns)
+        self.fold = folds_of(self.groups.block, FOLDS)[self.view.rows]
+        self.data: list[ChannelData] = []
+        for channel in columns.channels:
+            made = self._channel(channel)
+            if made is not None:
+                self.data.append(made)
+
+    def _channel(self, channel: Channel) -> ChannelData | None:
+        view, groups = self.view, self.groups
+        measured, simulated = view.number(channel.name), view.sim[channel.name]
+        use = np.flatnonzero(np.isfinite(measured) & np.isfinite(simulated))
+        if len(use) < 4:
+            return None
+        stated, known = stated_error(view, channel)
+        stated = stated[use]
+        sim = simulated[use]
+        relative = channel.role in {Role.INTENSITY, Role.SCATTER}
+        middle = float(np.median(np.abs(sim)))
+        scale = np.maximum(np.abs(sim), 1e-3 * middle) if relative and middle > 0 else np.ones(len(use))
+        rows = view.rows[use]
+        levels: list[Level] = []
+        for name, code in (("pixel", groups.pixel), ("angle", groups.angle), ("frame", groups.frame)):
+            if code is not None:
+                made = _level(name, code[rows], scale)
+                if made is not None:
+                    levels.append(made)
+        declared = self.columns.numbers.get(f"sim_{channel.name}_repeat_std")
+        floor, step_scale = 0.0, scale
+        if declared is not None and np.any(declared[rows] > 0):
+            step_scale, floor = np.nan_to_num(declared[rows]), 1.0
+        made = _level("step", groups.step[rows], step_scale, floor=floor)
+        if made is not None:
+            levels.append(made)
+        unit = np.unique(groups.unit[rows], return_inverse=True)[1].astype(np.int64)
+        data = ChannelData(
+            channel=channel, use=use, measured=measured[use], stated=stated, scale=scale, unit=unit,
+            units=int(unit.max()) + 1, levels=tuple(levels), fold=self.fold[use], block=groups.block[rows],
+            stated_known=known,
+        )  # fmt: skip
+        if not known:
+            residual = data.residual(view.sim) / scale
+            centre = np.median(residual)
+            data.stated = scale * max(1.4826 * float(np.median(np.abs(residual - centre))), 1e-9)
+            data.rebuild({})
+        return data
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Channels in order."""
+        return tuple(d.channel.name for d in self.data)
+
+    def whiten_state(self, state: State) -> FloatArray:
+        """Whitened residual of all channels in one vector."""
+        return np.concatenate([d.whiten(d.residual(state)) for d in self.data])
+
+    def whiten_change(self, before: State, after: State) -> FloatArray:
+        """Whitened change of the corrected simulation (a tangent times its step)."""
+        parts = []
+        for d in self.data:
+            a, b = after[d.channel.name], before[d.channel.name]
+            parts.append(np.zeros(len(d.use)) if a is b else d.whiten((a - b)[d.use]))
+        return np.concatenate(parts)
+
+    def codes(self, code: IntArray) -> IntArray:
+        """A code of the whole table's rows on the stacked vector."""
+        return np.concatenate([code[self.view.rows[d.use]] for d in self.data])
+
+    def log_likelihood(self, state: State, *, lost: float = 0.0) -> float:
+        """Marginal likelihood with group scatters at their best for this state."""
+        return sum(d.fit_scatter(d.residual(state), lost=lost)[0] for d in self.data)
+
+    def refit_scatter(self, state: State, *, lost: float = 0.0) -> float:
+        """Set the group scatters to their best for this state; returns the likelihood."""
+        total = 0.0
+        for d in self.data:
+            value, tau = d.fit_scatter(d.residual(state), lost=lost)
+            d.rebuild(tau)
+            total += value
+        return total
+
+
+def stated_error(view: View, channel: Channel) -> tuple[FloatArray, bool]:
+    """Standard error of each row's mean by the simulation's own noise model, and whether it states one.
+
+    A scatter of n frames has the standard error sim_X_std / sqrt(2 (n − 1)).
+    """
+    frames = np.maximum(np.nan_to_num(view.frames(), nan=1.0), 1.0)
+    if channel.role is Role.SCATTER:
+        error = np.abs(view.sim[channel.name]) / np.sqrt(2.0 * np.maximum(frames - 1.0, 0.5))
+        known = True
+    else:
+        name = f"sim_{channel.name}_std"
+        known = name in view.columns.numbers and bool(np.any(view.columns.numbers[name] > 0))
+        error = view.number(name) / np.sqrt(frames) if known else np.ones(view.n)
+    positive = error[np.isfinite(error) & (error > 0)]
+    if len(positive) == 0:
+        return np.ones(view.n), False
+    low = 1e-3 * float(np.median(positive))
+    return np.where(np.isfinite(error) & (error > low), error, np.median(positive)), known
+
+
+def _level(name: str, code: IntArray, scale: FloatArray, *, floor: float = 0.0) -> Level | None:
+    present, inverse = np.unique(code, return_inverse=True)
+    if len(present) < 3 or len(code) < 2 * len(present):
+        return None
+    return Level(name=name, code=inverse.astype(np.int64), count=len(present), scale=scale, floor=floor)
+
+
+def folds_of(block: IntArray, folds: int) -> IntArray:
+    """Fold of each row: whole blocks, spread evenly over their order by a fixed stride."""
+    present, inverse = np.unique(block, return_inverse=True)
+    order = (np.arange(len(present)) * 7 + np.arange(len(present)) // folds) % folds
+    return order[inverse].astype(np.int64)

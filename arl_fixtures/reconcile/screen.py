@@ -1,0 +1,240 @@
+"""Which effects could explain what is left: score tests with tangents, and how large the best would be by chance.
+
+A tangent is the whitened change of the corrected simulation when an amplitude is switched on by a small step. The
+gain of log-likelihood of a variant is that of its amplitudes on the residual; a variant with shapes is tried at the
+product of its starts. Each is tried on all units together and on each unit alone. The distribution of the largest
+gain without any mismatch is simulated with the very same tangents: the price of looking at so many things at once.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.effect import Effect, Kind, State, Variant
+from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.terms import Term, default_values, forward
+
+MAX_STARTS = 12
+DRAWS = 100
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Candidate:
+    """A variant with its best start and what it promises.
+
+    Attributes:
+        term: with amplitudes at the linear estimate.
+        gain: log-likelihood gained, linear.
+        free: number of free parameters.
+    """
+
+    term: Term
+    gain: float
+    free: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Screening:
+    """Candidates, best first, and what chance alone would give.
+
+    Attributes:
+        candidates: one per variant, restriction and effect.
+        chance: sorted draws of the largest gain on data without mismatch.
+    """
+
+    candidates: tuple[Candidate, ...]
+    chance: FloatArray
+
+    def threshold(self, level: float) -> float:
+        """Gain that the best candidate exceeds by chance with probability 1 − level (Gumbel tail of the draws)."""
+        return gumbel_quantile(self.chance, level)
+
+    def p_value(self, gain: float) -> float:
+        """Probability that chance gives a best gain this large."""
+        location, scale = _gumbel(self.chance)
+        return float(-np.expm1(-np.exp(-(gain - location) / scale)))
+
+
+def _gumbel(draws: FloatArray) -> tuple[float, float]:
+    if len(draws) < 2:
+        return 8.0, 1.0
+    scale = max(float(np.std(draws)) * np.sqrt(6.0) / np.pi, 0.3)
+    return float(np.mean(draws)) - 0.5772 * scale, scale
+
+
+def gumbel_quantile(draws: FloatArray, level: float) -> float:
+    """Quantile of a Gumbel law with the draws' mean and spread."""
+    location, scale = _gumbel(draws)
+    return location - scale * float(np.log(-np.log(level)))
+
+
+def all_variants(problem: Problem, effects: Sequence[Effect]) -> list[tuple[Effect, Variant]]:
+    """Every way in which every effect could act in this table and change a compared channel."""
+    names = set(problem.names)
+    return [
+        (effect, variant)
+        for effect in effects
+        if effect.kind is Kind.MEAN
+        for variant in effect.variants(problem.view)
+        if names & set(variant.channels) and not any(p.per for p in variant.parameters)
+    ]
+
+
+def starts_of(variant: Variant) -> Iterator[dict[str, float]]:
+    """Products of the shapes' starts, the default first, at most `MAX_STARTS`, spread evenly."""
+    shapes = variant.shapes()
+    products = list(itertools.product(*(p.starts for p in shapes)))
+    if len(products) > MAX_STARTS:
+        chosen = np.unique(np.linspace(0, len(products) - 1, MAX_STARTS).astype(int))
+        products = [products[i] for i in chosen]
+    for product in products:
+        yield dict(zip((p.name for p in shapes), product, strict=True))
+
+
+def tangents_of(problem: Problem, others: Sequence[Term], base: State, term: Term) -> FloatArray:
+    """Whitened change per typical size of each amplitude at the term's shapes, shape (amplitudes, stacked rows)."""
+    rows = []
+    for p in term.variant.amplitudes():
+        if p.per:
+            continue
+        step = 0.1 * p.typical
+        null = p.null if p.null is not None else 0.0
+        if not p.low <= null + step <= p.high:
+            step = -step
+        values = {q.name: (q.null if q.null is not None else 0.0) for q in term.variant.amplitudes()}
+        trial = term.with_values({**term.values, **values, p.name: null + step})
+        state = forward([*others, trial], problem.view)
+        rows.append(problem.whiten_change(base, state) / (step / p.typical))
+    return np.stack(rows)
+
+
+def screen(
+    problem: Problem,
+    variants: Sequence[tuple[Effect, Variant]],
+    others: Sequence[Term] = (),
+    *,
+    with_chance: bool = False,
+    seed: int = 1,
+) -> Screening:
+    """Score every variant on what the other terms leave.
+
+    Args:
+        problem: rows with weights and scatters.
+        variants: what is tried.
+        others: terms that are switched on already.
+        with_chance: simulate the largest gain without a mismatch (costs about as much again).
+        seed: of that simulation.
+    """
+    base = forward(others, problem.view)
+    residual = problem.whiten_state(base)
+    unit = problem.codes(problem.groups.unit)
+    column, labels = unit_labels(problem)
+    restricted = len(labels) > 1
+    taken = {term.variant.label for term in others}
+    noise = (
+        np.random.default_rng(seed).standard_normal((DRAWS, len(residual))).astype(np.float32)
+        if with_chance
+        else None
+    )
+    best_by_chance = np.zeros(DRAWS)
+    found: list[Candidate] = []
+    for effect, variant in variants:
+        if variant.label in taken:
+            continue
+        best: dict[str, Candidate] = {}
+        for shapes in starts_of(variant):
+            term = Term(effect=effect, variant=variant, values={**default_values(variant), **shapes})
+            tangents = tangents_of(problem, others, base, term)
+            power = np.einsum("kn,kn->k", tangents, tangents)
+            if not np.any(power > 1e-6):
+                continue
+            grams, scores = _per_unit(tangents, residual, unit, len(labels) if restricted else 1)
+            for label, gram, score in _choices(grams, scores, labels if restricted else ("",)):
+                amplitude, gain = solve_amplitudes(gram, score, variant)
+                if gain > (best[label].gain if label in best else 0.0):
+                    values = dict(term.values)
+                    for p, x in zip(variant.amplitudes(), amplitude, strict=True):
+                        values[p.name] = float(np.clip((p.null or 0.0) + x * p.typical, p.low, p.high))
+                    placed = Term(
+                        effect=effect, variant=variant, values=values, unit=label, unit_column=column if label else ""
+                    )
+                    best[label] = Candidate(term=placed, gain=gain, free=len(term.free()))
+            if noise is not None:
+                np.maximum(best_by_chance, _chance(tangents, noise, variant), out=best_by_chance)
+        found.extend(best.values())
+    found.sort(key=lambda c: (-c.gain, c.term.label))
+    return Screening(candidates=tuple(found), chance=np.sort(best_by_chance))
+
+
+def unit_labels(problem: Problem) -> tuple[str, tuple[str, ...]]:
+    """The one category column that makes the calibration unit, and its labels in the order of the unit code."""
+    columns = problem.groups.unit_columns
+    if len(columns) != 1 or columns[0] not in problem.columns.categories:
+        return "", ("",)
+    codes, labels = problem.columns.categories[columns[0]]
+    unit = problem.groups.unit
+    first = np.unique(unit, return_index=True)[1]
+    return columns[0], tuple(labels[codes[i]] for i in first)
+
+
+def _per_unit(
+    tangents: FloatArray, residual: FloatArray, unit: IntArray, units: int
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    if units == 1:
+        return [tangents @ tangents.T], [tangents @ residual]
+    grams, scores = [], []
+    for k in range(units):
+        part = tangents[:, unit == k]
+        grams.append(part @ part.T)
+        scores.append(part @ residual[unit == k])
+    return grams, scores
+
+
+def _choices(
+    grams: list[FloatArray], scores: list[FloatArray], labels: tuple[str, ...]
+) -> Iterator[tuple[str, FloatArray, FloatArray]]:
+    yield "", np.sum(grams, axis=0), np.sum(scores, axis=0)
+    if len(labels) > 1:
+        yield from zip(labels, grams, scores, strict=True)
+
+
+def solve_amplitudes(gram: FloatArray, score: FloatArray, variant: Variant) -> tuple[FloatArray, float]:
+    """Amplitudes (typical sizes from null) within their one-sided bounds, and the log-likelihood gained."""
+    amplitudes = [p for p in variant.amplitudes() if not p.per]
+    free = np.diag(gram) > 1e-9
+    result = np.zeros(len(amplitudes))
+    for _ in range(len(amplitudes)):
+        if not free.any():
+            return np.zeros(len(amplitudes)), 0.0
+        block = gram[np.ix_(free, free)]
+        block = block + np.eye(len(block)) * 1e-9 * np.trace(block)
+        result = np.zeros(len(amplitudes))
+        result[free] = np.linalg.solve(block, score[free])
+        wrong = np.array([
+            (p.null is not None)
+            and (((p.low >= p.null) and x * p.typical < 0) or ((p.high <= p.null) and x * p.typical > 0))
+            for p, x in zip(amplitudes, result, strict=True)
+        ])  # fmt: skip
+        if not wrong.any():
+            break
+        free &= ~wrong
+        result[wrong] = 0.0
+    gain = float(result @ score) - 0.5 * float(result @ gram @ result)
+    return result, max(gain, 0.0)
+
+
+def _chance(tangents: FloatArray, noise: NDArray[np.float32], variant: Variant) -> FloatArray:
+    gram = tangents @ tangents.T
+    good = np.diag(gram) > 1e-9
+    if not good.any():
+        return np.zeros(len(noise))
+    scores = np.asarray(noise @ tangents[good].T.astype(np.float32), dtype=np.float64)
+    block = gram[np.ix_(good, good)]
+    block = block + np.eye(len(block)) * 1e-9 * np.trace(block)
+    return np.asarray(0.5 * np.einsum("dk,kd->d", scores, np.linalg.solve(block, scores.T)))

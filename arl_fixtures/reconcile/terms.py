@@ -1,0 +1,115 @@
+"""An effect that is switched on with values, and the chain of such terms from the simulation to its correction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import IntArray
+from arl_fixtures.reconcile.effect import Effect, FloatArray, Parameter, State, Variant
+from arl_fixtures.reconcile.view import View
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Term:
+    """One effect with its values.
+
+    Attributes:
+        effect: library entry.
+        variant: how it acts in this table.
+        values: parameter name to value (fields excluded).
+        unit: label of the only unit (DUT) it acts on; empty for all.
+        unit_column: the category column of `unit`.
+        fields: name of a field parameter to its values by level key.
+    """
+
+    effect: Effect
+    variant: Variant
+    values: dict[str, float]
+    unit: str = ""
+    unit_column: str = ""
+    fields: dict[str, dict[tuple[str, ...], float]] | None = None
+
+    @property
+    def label(self) -> str:
+        """The variant's label, with the unit where it is restricted."""
+        return self.variant.label + (f"@{self.unit_column}={self.unit}" if self.unit else "")
+
+    def free(self) -> tuple[Parameter, ...]:
+        """Parameters that are plain numbers."""
+        return tuple(p for p in self.variant.parameters if not p.per)
+
+    def with_values(self, values: dict[str, float]) -> Term:
+        """The same term with other values."""
+        return replace(self, values=dict(values))
+
+    def apply(self, state: State, view: View) -> State:
+        """New state after this term; arrays that the term does not touch are shared."""
+        after = dict(state)
+        values: dict[str, float | FloatArray] = dict(self.values)
+        for name, levels in (self.fields or {}).items():
+            parameter = next(p for p in self.variant.parameters if p.name == name)
+            values[name] = field_on_rows(levels, parameter, view)
+        with np.errstate(all="ignore"):
+            self.effect.apply(self.variant, values, after, view)
+        inside = view.selects(self.unit_column, self.unit) if self.unit else None
+        for name, old in state.items():
+            new = after[name]
+            if new is old:
+                continue
+            good = np.isfinite(new)
+            if inside is not None:
+                good &= inside
+            after[name] = np.where(good | ~np.isfinite(old), new, old) if inside is None else np.where(good, new, old)
+        return after
+
+
+def default_values(variant: Variant, *, amplitude: float = 0.0) -> dict[str, float]:
+    """Shapes at their first start, amplitudes at `amplitude` of their typical size from null."""
+    values = {}
+    for p in variant.parameters:
+        if p.per:
+            continue
+        values[p.name] = p.starts[0] if p.null is None else _inside(p, p.null + amplitude * p.typical)
+    return values
+
+
+def _inside(p: Parameter, value: float) -> float:
+    return min(max(value, p.low), p.high)
+
+
+def forward(terms: Sequence[Term], view: View) -> State:
+    """Corrected simulation of the view's rows: all terms in the order of their stages."""
+    state = view.fresh_state()
+    for term in sorted(terms, key=lambda t: (t.effect.stage, t.label)):
+        state = term.apply(state, view)
+    return state
+
+
+def field_keys(per: tuple[str, ...], view: View) -> tuple[IntArray, list[tuple[str, ...]]]:
+    """Level code of each row for the columns of a field parameter, and the key of each level."""
+    code = view.group(*per)
+    present, first, inverse = np.unique(code, return_index=True, return_inverse=True)
+    keys: list[tuple[str, ...]] = []
+    for row in first[: len(present)]:
+        key = []
+        for name in per:
+            if view.is_category(name):
+                codes, labels = view.codes(name)
+                key.append(labels[codes[row]] if codes[row] >= 0 else "")
+            elif view.has(name):
+                key.append(f"{view.number(name)[row]:g}")
+            else:
+                key.append("")
+        keys.append(tuple(key))
+    return inverse.astype(np.int64), keys
+
+
+def field_on_rows(levels: dict[tuple[str, ...], float], parameter: Parameter, view: View) -> FloatArray:
+    """A field's values on the rows of a view; null where the level is not known."""
+    inverse, keys = field_keys(parameter.per, view)
+    null = parameter.null if parameter.null is not None else 0.0
+    by_level = np.array([levels.get(key, null) for key in keys], dtype=np.float64)
+    return np.asarray(by_level[inverse])
