@@ -86,8 +86,8 @@ class Progress:
             self._width = 0
 
     def _note(self, reading: BenchReading) -> None:
-        housings = reading.housings_c.items()
-        self._temperatures = " ".join(f"{name} {'--' if c is None else format(c, '.1f')}" for name, c in housings) + " °C"
+        shown = {name: "--" if value is None else f"{value:.1f}" for name, value in reading.housings_c.items()}
+        self._temperatures = " ".join(f"{name} {value}" for name, value in shown.items()) + " °C"
 
     def _show(self, phase: str, part: float, *, force: bool = False) -> None:
         now_s = self._wall_s()

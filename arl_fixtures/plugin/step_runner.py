@@ -1,0 +1,277 @@
+"""One temperature step: settle, soak, sweep, record, measure, judge."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import fmean
+from typing import Final, Protocol, final
+
+import arl_fixtures
+from arl_fixtures.bench.bench import Bench, BenchReading
+from arl_fixtures.bench.profile import CycleStep, Profile
+from arl_fixtures.bench.settle import SettleReport
+from arl_fixtures.bench.sweep import sweep
+from arl_fixtures.metrics.conditions import Conditions
+from arl_fixtures.metrics.geometry import GeometryCache
+from arl_fixtures.metrics.judge import Judgement, judge, overall
+from arl_fixtures.metrics.limits import LimitSet
+from arl_fixtures.metrics.reference import Reference
+from arl_fixtures.metrics.registry import measure
+from arl_fixtures.metrics.statistics import SweepStatistics
+from arl_fixtures.metrics.step import StepData
+from arl_fixtures.metrics.verdict import Verdict
+from arl_fixtures.recording.bag_folder import BagReceipt
+from arl_fixtures.recording.metadata import StepMetadata
+from arl_fixtures.recording.writer import StepBagWriter
+
+REFERENCE_INDEX: Final = -1
+
+
+class Listener(Protocol):
+    """Who wants to know how a step goes on (terminal, journal)."""
+
+    def settling(self, reading: BenchReading, elapsed_s: float) -> None:
+        """The housings are on their way."""
+
+    def soaking(self, reading: BenchReading) -> None:
+        """The step rests at its temperature."""
+
+    def angle(self, index: int, count: int, angle_deg: float) -> None:
+        """One more angle is recorded."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StepResult:
+    """What became of one attempt at a step.
+
+    Attributes:
+        step: which.
+        attempt: from 1.
+        settle: how settling ended.
+        bag: the recording; None when nothing was recorded.
+        steps: measured data by serial number.
+        judgements: all, deciding or not.
+        verdict: the worst of those that decide.
+        reason: what decided it, in words.
+        temperatures_c: mean over the sweep by sensor.
+    """
+
+    step: CycleStep
+    attempt: int
+    settle: SettleReport
+    bag: BagReceipt | None
+    steps: Mapping[str, StepData]
+    judgements: Sequence[Judgement]
+    verdict: Verdict
+    reason: str
+    temperatures_c: Mapping[str, float] = field(default_factory=dict)
+
+
+@final
+class StepRunner:
+    """Runs steps on a bench.
+
+    Args:
+        bench: started.
+        profile: angles, frames, soak.
+        limits: what is judged.
+        hashes: of bench, profile and limits file, for the bag.
+        bags: folder of the bags.
+        references: what relative metrics refer to, by serial number; filled by the caller.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        profile: Profile,
+        limits: LimitSet,
+        *,
+        hashes: Mapping[str, str],
+        bags: Path,
+        references: dict[str, Reference],
+    ) -> None:
+        self.bench, self.profile, self.limits = bench, profile, limits
+        self.references = references
+        self._hashes, self._bags = dict(hashes), bags
+        scene = bench.config.scene
+        self._duts = {dut.serial: dut for dut in bench.config.dut_settings}
+        self._geometry = {serial: GeometryCache(dut, scene) for serial, dut in self._duts.items()}
+
+    def bag_path(self, step: CycleStep, attempt: int) -> Path:
+        """Folder of the bag of one attempt."""
+        name = step.id if attempt == 1 else f"{step.id}-attempt{attempt}"
+        return self._bags / name
+
+    def run(self, step: CycleStep, attempt: int, listener: Listener) -> StepResult:
+        """Do one step from settling to verdict.
+
+        Raises:
+            DeviceError: a device failed; the bag stays unfinished.
+            DataError: the bag cannot be written.
+        """
+        bench = self.bench
+        settle = bench.settle(step.set_temperature_c, progress=listener.settling)
+        if not settle.settled:
+            return self._not_settled(step, attempt, settle)
+        readings: list[BenchReading] = []
+        with _observing(bench, listener.soaking):
+            bench.soak(self.profile.soak_s)
+        statistics = {serial: SweepStatistics(serial) for serial in bench.serials}
+        with StepBagWriter(self.bag_path(step, attempt), self._metadata(step, attempt)) as bag:
+            self._describe_cameras(bag)
+
+            def record(reading: BenchReading) -> None:
+                readings.append(reading)
+                nan = float("nan")
+                values = {name: nan if value is None else value for name, value in reading.temperatures_c.items()}
+                bag.temperatures(reading.time_ns, values)
+
+            with _observing(bench, record):
+                bench.read()
+                self._sweep(step, bag, statistics, listener)
+                bench.read()
+            receipt = bag.close()
+        temperatures = mean_temperatures(readings)
+        conditions = Conditions(
+            cycle=step.cycle,
+            step_index=step.index,
+            set_temperature_c=step.set_temperature_c,
+            ramp=step.ramp,
+            settled=True,
+            temperatures_c=temperatures,
+        )
+        steps = self.step_data(statistics, conditions, expected_angles=len(self._angles(step)))
+        return self._judged(step, attempt, settle, receipt, steps, conditions)
+
+    def step_data(
+        self,
+        statistics: Mapping[str, SweepStatistics],
+        conditions: Conditions,
+        *,
+        expected_angles: int,
+        faults: Sequence[str] = (),
+    ) -> dict[str, StepData]:
+        """What the metrics get of each DUT; the same from a live sweep and from a bag."""
+        data = {}
+        for serial, each in statistics.items():
+            summary = each.summary() if len(each) else None
+            data[serial] = StepData(
+                dut=self._duts[serial],
+                conditions=conditions,
+                sweep=summary,
+                geometry=self._geometry[serial].at(summary.stage_angle_deg) if summary else None,
+                expected_angles=expected_angles,
+                reference=self.references.get(serial),
+                faults=faults,
+            )
+        return data
+
+    def _angles(self, step: CycleStep) -> tuple[float, ...]:
+        return self.profile.angles.angles_deg(step.cycle * 1000 + step.index + 1)
+
+    def _sweep(
+        self, step: CycleStep, bag: StepBagWriter, statistics: Mapping[str, SweepStatistics], listener: Listener
+    ) -> None:
+        angles = self._angles(step)
+        for record in sweep(self.bench, angles, frames=self.profile.frames):
+            bag.stage(record.time_ns, record.stage_angle_deg)
+            for serial, block in record.blocks.items():
+                bag.block(block)
+                statistics[serial].add(block)
+            listener.angle(record.angle_index, len(angles), record.stage_angle_deg)
+
+    def _judged(
+        self,
+        step: CycleStep,
+        attempt: int,
+        settle: SettleReport,
+        receipt: BagReceipt,
+        steps: Mapping[str, StepData],
+        conditions: Conditions,
+    ) -> StepResult:
+        measurements = [each for data in steps.values() for each in measure(data)]
+        types = {serial: dut.model for serial, dut in self._duts.items()}
+        judgements = judge(measurements, self.limits, conditions, types)
+        verdict, decisive = overall(judgements)
+        return StepResult(
+            step=step,
+            attempt=attempt,
+            settle=settle,
+            bag=receipt,
+            steps=steps,
+            judgements=judgements,
+            verdict=verdict,
+            reason=_why(decisive),
+            temperatures_c=conditions.temperatures_c,
+        )
+
+    def _not_settled(self, step: CycleStep, attempt: int, settle: SettleReport) -> StepResult:
+        return StepResult(
+            step=step,
+            attempt=attempt,
+            settle=settle,
+            bag=None,
+            steps={},
+            judgements=(),
+            verdict=Verdict.INVALID,
+            reason=settle.reason,
+        )
+
+    def _metadata(self, step: CycleStep, attempt: int) -> StepMetadata:
+        return StepMetadata(
+            campaign=self.bench.config.campaign,
+            cycle=step.cycle,
+            step=step.index,
+            step_id=step.id,
+            attempt=attempt,
+            set_temperature_c=step.set_temperature_c,
+            ramp=step.ramp,
+            started_utc_ns=self.bench.clock.utc_ns(),
+            duts=self.bench.serials,
+            software_version=arl_fixtures.__version__,
+            bench_sha256=self._hashes["bench"],
+            profile_sha256=self._hashes["profile"],
+            limits_sha256=self._hashes["limits"],
+            extra={"bench": self.bench.config.name, "profile": self.profile.name},
+        )
+
+    def _describe_cameras(self, bag: StepBagWriter) -> None:
+        for serial, dut in self._duts.items():
+            k = dut.intrinsics
+            bag.camera_info(
+                serial,
+                camera_matrix=[[k.fx, 0.0, k.cx], [0.0, k.fy, k.cy], [0.0, 0.0, 1.0]],
+                distortion=[k.k1, k.k2, k.p1, k.p2, k.k3, k.k4, k.k5, k.k6],
+                height=dut.rows,
+                width=dut.columns,
+            )
+
+
+def mean_temperatures(readings: Sequence[BenchReading]) -> dict[str, float]:
+    """Mean of each sensor over some readings; sensors that never gave a value are left out."""
+    names = {name for reading in readings for name in reading.temperatures_c}
+    means = {}
+    for name in sorted(names):
+        values = [value for reading in readings if (value := reading.temperatures_c.get(name)) is not None]
+        if values:
+            means[name] = fmean(values)
+    return means
+
+
+@contextlib.contextmanager
+def _observing(bench: Bench, observer: Callable[[BenchReading], None]) -> Iterator[None]:
+    bench.observers.append(observer)
+    try:
+        yield
+    finally:
+        bench.observers.remove(observer)
+
+
+def _why(decisive: Judgement | None) -> str:
+    if decisive is None or decisive.verdict is Verdict.PASS:
+        return ""
+    said = decisive.reason or decisive.measurement.reason
+    return f"{decisive.measurement.dut} {decisive.measurement.name}: {said}" if said else decisive.measurement.name
