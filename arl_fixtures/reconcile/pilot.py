@@ -1,4 +1,4 @@
-"""First look without physics: how far rows scatter beyond their stated noise, which rows are outliers, what is there at all.
+"""First look without physics: true scatter of the rows, outliers, and how much there is to explain at all.
 
 A physics-free model is cross-fitted over whole blocks; what it leaves gives the row's true scatter (robust) and the
 outliers. It also is the ceiling against which named effects are judged.

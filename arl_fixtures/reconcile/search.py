@@ -1,0 +1,299 @@
+"""Find the effects: screen, fit the best jointly, accept only what chance and shared errors cannot give, look again.
+
+Forward selection with a swap and a backward pass. A candidate is judged by the marginal likelihood with the group
+scatters at their best for it, less a price per parameter, and must pass a test that is robust to errors shared by
+steps, angles or pixels. Small problems rank (a part of the rows), the full one decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import stats
+
+from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray
+from arl_fixtures.reconcile.effect import Effect
+from arl_fixtures.reconcile.fit import Fit, finish, fit
+from arl_fixtures.reconcile.grouping import Groups, find_groups
+from arl_fixtures.reconcile.pilot import Looker, Structure
+from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.screen import Candidate, Screening, all_variants, screen
+from arl_fixtures.reconcile.terms import forward
+
+FULL_ROWS = 48_000
+SMALL_ROWS = 14_000
+MOST_TERMS = 4
+SHORTLIST = 16
+PRICE = 2.0
+"""Log-likelihood that each free parameter must earn."""
+LEVEL_NAME, LEVEL_ALARM = 0.99, 0.95
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(slots=True, kw_only=True)
+class Ranked:
+    """A candidate after its non-linear fit beside the present terms.
+
+    Attributes:
+        fit: joint fit on the full problem.
+        gain: likelihood gained over the present terms, less the price.
+        robust: the same gain as the test with shared errors sees it.
+    """
+
+    candidate: Candidate
+    fit: Fit
+    gain: float
+    robust: float
+
+
+@dataclass(slots=True, kw_only=True)
+class Stage:
+    """One round of the search: what stood at its start, what was tried, what won."""
+
+    base: Fit
+    threshold: float
+    alarm: float
+    p_value: float
+    ranked: list[Ranked]
+    chosen: Ranked | None
+
+
+@dataclass(slots=True, kw_only=True)
+class Found:
+    """Everything the search learnt.
+
+    Attributes:
+        problem: the full problem, with scatters of the best fit.
+        null: fit without any effect.
+        best: fit of the accepted effects.
+        stages: rounds in order.
+        before: physics-free structure per channel before any effect.
+        after: the same after the accepted effects.
+    """
+
+    problem: Problem
+    looker: Looker
+    null: Fit
+    best: Fit
+    stages: list[Stage]
+    before: dict[str, Structure]
+    after: dict[str, Structure] = field(default_factory=dict)
+    screening: Screening | None = None
+
+
+def draw_rows(columns: Columns, groups: Groups, limit: int) -> IntArray:
+    """At most about `limit` rows: some pixels and angles of every step, else every k-th row of each block."""
+    n = columns.n
+    if n <= limit:
+        return np.arange(n)
+    keep = np.ones(n, dtype=bool)
+    share = limit / n
+    levels = [code for code in (groups.pixel, groups.angle) if code is not None]
+    pixels = None if groups.pixel is None else int(groups.pixel.max()) + 1
+    if pixels is not None and pixels * share >= 24:
+        keep &= _hash(columns.group("pixel_u", "pixel_v"), 17) < share
+    elif len(levels) == 2:
+        keep &= _hash(columns.group("pixel_u", "pixel_v"), 17) < np.sqrt(share)
+        keep &= _hash(columns.codes_of("stage_angle_deg"), 5) < np.sqrt(share)
+    else:
+        order = np.lexsort((np.arange(n), groups.block))
+        place = np.arange(n)
+        keep[order] = np.floor((place + 1) * share) > np.floor(place * share)
+    rows = np.flatnonzero(keep)
+    if len(rows) < 0.5 * limit:
+        rows = np.flatnonzero(_hash(np.arange(n), 3) < share)
+    return rows
+
+
+def _hash(code: IntArray, seed: int) -> FloatArray:
+    mixed = (code.astype(np.uint64) + np.uint64(seed)) * np.uint64(0x9E3779B97F4A7C15)
+    mixed ^= mixed >> np.uint64(31)
+    mixed *= np.uint64(0xBF58476D1CE4E5B9)
+    return (mixed >> np.uint64(11)).astype(np.float64) / float(1 << 53)
+
+
+class Search:
+    """Search of one table.
+
+    Args:
+        columns: the table.
+        effects: library.
+        progress: called with a sentence and the share done.
+    """
+
+    def __init__(self, columns: Columns, effects: Sequence[Effect], progress: Progress | None = None) -> None:
+        self.progress: Progress = progress if progress is not None else (lambda _text, _share: None)
+        self.columns = columns
+        self.groups = find_groups(columns)
+        self.full = Problem(columns, draw_rows(columns, self.groups, FULL_ROWS), self.groups)
+        self.looker = Looker(self.full)
+        self.progress("first look", 0.05)
+        empty = forward([], self.full.view)
+        self.before = {d.channel.name: self.looker.calibrate(d, empty) for d in self.full.data}
+        self.small = self._small()
+        self.variants = all_variants(self.small, effects)
+
+    def _small(self) -> Problem:
+        if self.full.view.n <= 1.4 * SMALL_ROWS:
+            return self.full
+        rows = draw_rows(self.columns, self.groups, SMALL_ROWS)
+        inside = np.intersect1d(rows, self.full.view.rows)
+        if len(inside) < 0.5 * SMALL_ROWS:
+            step = self.full.view.n / SMALL_ROWS
+            inside = self.full.view.rows[(np.arange(SMALL_ROWS) * step).astype(int)]
+        small = Problem(self.columns, inside, self.groups)
+        for part in small.data:
+            whole = next(d for d in self.full.data if d.channel.name == part.channel.name)
+            place = np.searchsorted(self.full.view.rows[whole.use], small.view.rows[part.use])
+            part.trust, part.spread = whole.trust[place], whole.spread
+            if not part.stated_known:
+                part.stated = whole.stated[place]
+            part.rebuild(whole.tau)
+        return small
+
+    def _share_scatter(self, state_full: Fit) -> None:
+        """Refit the group scatters for a fit, in both problems."""
+        self.full.refit_scatter(state_full.state, lost=float(len(state_full.keys)))
+        if self.small is not self.full:
+            for part in self.small.data:
+                part.rebuild(next(d.tau for d in self.full.data if d.channel.name == part.channel.name))
+
+    def run(self) -> Found:
+        """All rounds."""
+        best = finish(self.full, fit(self.full, ()))
+        null = best
+        stages: list[Stage] = []
+        chance: Screening | None = None
+        for round_number in range(MOST_TERMS):
+            self.progress(f"search, round {round_number + 1}", 0.1 + 0.15 * round_number)
+            screening = screen(self.small, self.variants, best.terms, with_chance=chance is None)
+            chance = screening if chance is None else chance
+            stage = self._round(best, screening, chance)
+            stages.append(stage)
+            if stage.chosen is None:
+                break
+            best = self._settle(stage.chosen.fit, stage)
+            self._share_scatter(best)
+            best = finish(self.full, fit(self.full, best.terms, rounds=3))
+        self.progress("what is left", 0.8)
+        found = Found(
+            problem=self.full, looker=self.looker, null=null, best=best, stages=stages, before=self.before,
+            screening=chance,
+        )  # fmt: skip
+        found.after = {
+            d.channel.name: (self.looker.look(d, best.state) if best.terms else self.before[d.channel.name])
+            for d in self.full.data
+        }
+        return found
+
+    def _round(self, base: Fit, screening: Screening, chance: Screening) -> Stage:
+        threshold = chance.threshold(LEVEL_NAME)
+        alarm = chance.threshold(LEVEL_ALARM)
+        ranked = self.rank(base, shortlist(screening.candidates))
+        chosen = next((r for r in ranked if min(r.gain, r.robust) > threshold), None)
+        if chosen is not None and ranked[0] is not chosen and ranked[0].gain > 3.0 * max(chosen.gain, 1.0):
+            chosen = None
+        p_value = chance.p_value(min(ranked[0].gain, ranked[0].robust)) if ranked else 1.0
+        return Stage(base=base, threshold=threshold, alarm=alarm, p_value=p_value, ranked=ranked, chosen=chosen)
+
+    def rank(self, base: Fit, candidates: Sequence[Candidate]) -> list[Ranked]:
+        """Fit each candidate beside the base's terms, best first."""
+        price = PRICE * len(base.keys)
+        rough: list[tuple[float, Candidate, Fit]] = []
+        base_small = self.small.log_likelihood(forward(base.terms, self.small.view), lost=float(len(base.keys)))
+        for candidate in candidates:
+            trial = finish(self.small, fit(self.small, (*base.terms, candidate.term), rounds=8))
+            gain = trial.log_likelihood - base_small - PRICE * len(trial.keys) + price
+            rough.append((gain, candidate, trial))
+        rough.sort(key=lambda item: -item[0])
+        if self.small is self.full:
+            return [
+                Ranked(candidate=c, fit=f, gain=g, robust=robust_gain(self.full, f, len(base.terms)))
+                for g, c, f in rough
+            ]
+        result = []
+        for _, candidate, trial in rough[:6]:
+            polished = finish(self.full, fit(self.full, trial.terms, rounds=3))
+            gain = polished.log_likelihood - base.log_likelihood - PRICE * len(polished.keys) + price
+            robust = robust_gain(self.full, polished, len(base.terms))
+            result.append(Ranked(candidate=candidate, fit=polished, gain=gain, robust=robust))
+        result.sort(key=lambda r: -r.gain)
+        return result
+
+    def _settle(self, chosen: Fit, stage: Stage) -> Fit:
+        """Swap pass: would another effect in an earlier place do better now? Backward pass: is each still needed?"""
+        best = chosen
+        if len(best.terms) < 2:
+            return best
+        for index in range(len(best.terms) - 1):
+            rest = tuple(t for k, t in enumerate(best.terms) if k != index)
+            without = finish(self.full, fit(self.full, rest, rounds=4))
+            needed = best.log_likelihood - without.log_likelihood - PRICE * (len(best.keys) - len(without.keys))
+            if needed < stage.threshold:
+                return self._settle(without, stage) if len(rest) > 1 else without
+            again = screen(self.small, self.variants, rest)
+            options = [c for c in shortlist(again.candidates)[:6] if c.term.label != best.terms[index].label]
+            ranked = self.rank(without, options)
+            if ranked and ranked[0].gain > needed + 1.0:
+                best = ranked[0].fit
+        return best
+
+
+def shortlist(candidates: Sequence[Candidate], size: int = SHORTLIST, per_effect: int = 2) -> list[Candidate]:
+    """The best candidates, at most so many of one effect and one of each variant's twins."""
+    counts: dict[str, int] = {}
+    chosen: list[Candidate] = []
+    for candidate in candidates:
+        name = candidate.term.effect.id
+        if counts.get(name, 0) < per_effect:
+            counts[name] = counts.get(name, 0) + 1
+            chosen.append(candidate)
+        if len(chosen) == size:
+            break
+    return chosen
+
+
+def robust_gain(problem: Problem, found: Fit, first: int) -> float:
+    """Gain of the terms from `first` on, as a Wald test with errors shared by steps, angles or pixels sees it.
+
+    Scores are summed over whole groups, their scatter over groups gives the covariance (sandwich), Hotelling's F its
+    small-sample law; the least favourable grouping counts. Returned as an equivalent log-likelihood gain.
+    """
+    keys = [k for k, (index, p) in enumerate(found.keys) if index >= first and p.is_amplitude]
+    if not keys:
+        return np.inf
+    jacobian, residual = found.jacobian, found.residual
+    gram = jacobian.T @ jacobian
+    good = np.diag(gram) > 1e-12
+    inverse = np.zeros_like(gram)
+    inverse[np.ix_(good, good)] = np.linalg.pinv(gram[np.ix_(good, good)], hermitian=True)
+    null = np.array([found.keys[k][1].null or 0.0 for k in keys])
+    value = found.values()[keys] - null
+    worst = np.inf
+    for code in (problem.groups.step, problem.groups.angle, problem.groups.pixel, problem.groups.block):
+        if code is None:
+            continue
+        inverse_code = np.unique(problem.codes(code), return_inverse=True)[1]
+        groups = int(inverse_code.max()) + 1
+        if groups < 8:
+            continue
+        scores = np.stack([np.bincount(inverse_code, column * residual, minlength=groups) for column in jacobian.T])
+        covariance = inverse @ (scores @ scores.T) @ inverse * groups / (groups - 1.0)
+        block = covariance[np.ix_(keys, keys)]
+        wald = float(value @ np.linalg.pinv(block, hermitian=True) @ value)
+        k, rest = len(keys), groups - len(keys)
+        if rest < 2:
+            continue
+        p_log = stats.f.logsf(wald * rest / (k * (groups - 1.0)), k, rest)
+        worst = min(worst, _gain_of(float(p_log), k))
+    return worst
+
+
+def _gain_of(p_log: float, k: int) -> float:
+    """Log-likelihood gain of k parameters that has this log p-value (half a chi-square quantile)."""
+    if p_log > -600.0:
+        return 0.5 * float(stats.chi2.isf(np.exp(p_log), k))
+    return -p_log
