@@ -1,0 +1,125 @@
+"""What every pixel should see at every angle of a sweep, stacked; 39 steps of a cycle share it."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from functools import cached_property
+from typing import Final, final
+
+import numpy as np
+import numpy.typing as npt
+
+from arl_fixtures.twin.frame import Renderer
+from arl_fixtures.twin.scene import SceneSettings
+from arl_fixtures.twin.settings import DutSettings
+
+Float32Array = npt.NDArray[np.float32]
+Float64Array = npt.NDArray[np.float64]
+Int64Array = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+KEPT_SWEEPS: Final = 2
+"""Ascending sweeps repeat exactly; some 12 MB each at full resolution."""
+ANGLE_DIGITS: Final = 6
+
+
+@final
+class Geometry:
+    """The twin's expectation for one DUT over a sweep; n angles, image H × W.
+
+    Args:
+        renderer: the twin of the DUT.
+        stage_angle_deg: (n,) angles.
+
+    Attributes:
+        stage_angle_deg: (n,).
+        intensity_counts: (n, H, W) expected intensity.
+        distance_m: (n, H, W) expected radial range (weighted over the pixel's field).
+        true_range_m: (n, H, W) range of the pixel's centre ray.
+        cos_incidence: (n, H, W) of the centre ray.
+        reflectance: (n, H, W) where the centre ray hits.
+        surface: (n, H, W) surface number.
+        mixed: (n, H, W) the pixel's field touches more than one surface.
+    """
+
+    def __init__(self, renderer: Renderer, stage_angle_deg: Float64Array) -> None:
+        self.dut: DutSettings = renderer.dut
+        self.scene: SceneSettings = renderer.scene
+        self.stage_angle_deg = stage_angle_deg
+        self.power = renderer.power.astype(np.float32)
+        azimuth_rad, elevation_rad = renderer.centre_directions_rad
+        self.azimuth_deg: Float64Array = np.degrees(azimuth_rad)
+        self.elevation_deg: Float64Array = np.degrees(elevation_rad)
+        shape = (len(stage_angle_deg), renderer.dut.rows, renderer.dut.columns)
+        self.intensity_counts = np.empty(shape, np.float32)
+        self.distance_m = np.empty(shape, np.float32)
+        self.true_range_m = np.empty(shape, np.float32)
+        self.cos_incidence = np.empty(shape, np.float32)
+        self.reflectance = np.empty(shape, np.float32)
+        self.surface = np.empty(shape, np.int8)
+        self.mixed = np.empty(shape, np.bool_)
+        for k, angle_deg in enumerate(stage_angle_deg):
+            frame = renderer.expected(float(angle_deg))
+            self.intensity_counts[k] = frame.intensity_counts
+            self.distance_m[k] = frame.distance_m
+            self.true_range_m[k] = frame.true_range_m
+            self.cos_incidence[k] = np.cos(np.radians(frame.incidence_deg))
+            self.reflectance[k] = frame.reflectance
+            self.surface[k] = frame.surface
+            self.mixed[k] = frame.mixed
+
+    @cached_property
+    def stripes(self) -> tuple[str, ...]:
+        """Names of the reflectance targets: panels without circles, dark to bright."""
+        plain = [panel for panel in self.scene.panels if panel.circles is None]
+        return tuple(panel.name for panel in sorted(plain, key=lambda panel: panel.reflectance))
+
+    @cached_property
+    def boards(self) -> tuple[str, ...]:
+        """Names of the intrinsic targets: panels with circles."""
+        return tuple(panel.name for panel in self.scene.panels if panel.circles is not None)
+
+    @cached_property
+    def _seen(self) -> dict[str, Int64Array]:
+        clean = np.where(self.mixed, np.int8(-1), self.surface).ravel()
+        names = self.scene.surface_names
+        return {name: np.flatnonzero(clean == number) for number, name in enumerate(names)}
+
+    def seen(self, surface: str) -> Int64Array:
+        """Flat indices into (n, H, W) of pixels whose whole field lies on `surface`."""
+        return self._seen[surface]
+
+    @cached_property
+    def weight(self) -> Float32Array:
+        """Geometry and material without the beam: ρ cos θ (reference range / R)², (n, H, W)."""
+        reference_m = np.float32(self.dut.reference_range_m)
+        weight: Float32Array = self.reflectance * self.cos_incidence * (reference_m / self.true_range_m) ** 2
+        return weight
+
+
+@final
+class GeometryCache:
+    """Geometry of one DUT, remembered for the sweeps that were asked for last.
+
+    Args:
+        dut: the DUT as its file describes it: what it is compared with, not what it has become.
+        scene: the chamber.
+    """
+
+    def __init__(self, dut: DutSettings, scene: SceneSettings | None = None) -> None:
+        self._renderer = Renderer(dut, scene)
+        self._sweeps: OrderedDict[bytes, Geometry] = OrderedDict()
+
+    def at(self, stage_angle_deg: Float64Array) -> Geometry:
+        """Geometry at these angles.
+
+        Args:
+            stage_angle_deg: (n,) as in `SweepSummary`; rounded to a millionth of a degree.
+        """
+        rounded: Float64Array = np.round(stage_angle_deg, ANGLE_DIGITS).astype(np.float64)
+        key = rounded.tobytes()
+        known = self._sweeps.pop(key, None) or Geometry(self._renderer, rounded)
+        self._sweeps[key] = known
+        while len(self._sweeps) > KEPT_SWEEPS:
+            self._sweeps.popitem(last=False)
+        return known

@@ -1,0 +1,148 @@
+"""Limits file: per metric the unit, the bounds, where they apply, and by which rule they are decided."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from arl_fixtures.errors import ConfigError, UnitError
+from arl_fixtures.quantity import check_unit
+from arl_fixtures.yaml_model import FileModel, load_model
+
+
+class Rule(StrEnum):
+    """Decision rule.
+
+    SIMPLE: within the limits is PASS, outside is FAIL; at the limit the risk of false acceptance is 50 % (ILAC-G8).
+    GUARD_BAND: PASS within the limits shrunk by the guard band w, FAIL outside the limits widened by w, CONDITIONAL
+    between (ISO 14253-1, JCGM 106:2012 8.3; ILAC-G8 non-binary statement).
+    """
+
+    SIMPLE = "simple"
+    GUARD_BAND = "guard_band"
+
+
+class Severity(StrEnum):
+    """What exceeding a limit means: a minor one makes the verdict CONDITIONAL, the others FAIL."""
+
+    CRITICAL = "critical"
+    MAJOR = "major"
+    MINOR = "minor"
+
+
+def _known_unit(text: str) -> str:
+    try:
+        return check_unit(text)
+    except UnitError as error:
+        raise ValueError(str(error)) from None
+
+
+UnitText = Annotated[str, AfterValidator(_known_unit)]
+
+
+class Decision(FileModel):
+    """How values are compared with limits.
+
+    The guard band is `guard_factor` · U, U the expanded uncertainty with two-sided `coverage`; the default
+    w = U(95 %) keeps the risk of false acceptance below 2.5 %.
+    """
+
+    rule: Rule = Rule.GUARD_BAND
+    coverage: float = Field(default=0.95, gt=0.5, lt=1.0)
+    guard_factor: float = Field(default=1.0, ge=0.0, le=5.0)
+
+
+class Where(FileModel):
+    """Conditions under which a limit applies; what is not named does not matter."""
+
+    set_temperature_c: tuple[float, float] | None = None
+    ramp: tuple[int, ...] | None = None
+    scope: tuple[str, ...] | None = None
+    dut: tuple[str, ...] | None = None
+    dut_type: tuple[str, ...] | None = None
+
+    @model_validator(mode="after")
+    def _range_in_order(self) -> Self:
+        if self.set_temperature_c and self.set_temperature_c[0] > self.set_temperature_c[1]:
+            low_c, high_c = self.set_temperature_c
+            msg = f"set_temperature_c from {low_c:g} to {high_c:g} is empty; expected [lowest, highest]"
+            raise ValueError(msg)
+        return self
+
+
+class Limit(FileModel):
+    """Bounds of one metric in `unit`."""
+
+    metric: str = Field(min_length=1)
+    unit: UnitText
+    lower: float | None = Field(default=None, allow_inf_nan=False)
+    upper: float | None = Field(default=None, allow_inf_nan=False)
+    where: Where = Where()
+    severity: Severity = Severity.MAJOR
+    reason: str = Field(min_length=1)
+    decision: Decision | None = None
+    """Overrides the file's decision rule for this limit."""
+
+    @model_validator(mode="after")
+    def _bounds_in_order(self) -> Self:
+        if self.lower is None and self.upper is None:
+            msg = f"limit of '{self.metric}' has neither lower nor upper"
+            raise ValueError(msg)
+        if self.lower is not None and self.upper is not None and self.lower > self.upper:
+            msg = f"limit of '{self.metric}': lower {self.lower:g} is above upper {self.upper:g}"
+            raise ValueError(msg)
+        return self
+
+    def __str__(self) -> str:
+        unit = "" if self.unit in {"", "1"} else f" {self.unit}"
+        if self.lower is None:
+            return f"≤ {self.upper:g}{unit}"
+        if self.upper is None:
+            return f"≥ {self.lower:g}{unit}"
+        return f"{self.lower:g} … {self.upper:g}{unit}"
+
+
+class LimitSet(FileModel):
+    """A limits file."""
+
+    name: str = Field(min_length=1)
+    version: int = Field(ge=1)
+    decision: Decision = Decision()
+    limits: tuple[Limit, ...] = Field(min_length=1)
+
+    @cached_property
+    def by_metric(self) -> dict[str, tuple[Limit, ...]]:
+        """Limits grouped by metric, in the order of the file."""
+        return {
+            metric: tuple(limit for limit in self.limits if limit.metric == metric)
+            for metric in dict.fromkeys(limit.metric for limit in self.limits)
+        }
+
+    def decision_of(self, limit: Limit) -> Decision:
+        """The rule that decides `limit`."""
+        return limit.decision or self.decision
+
+
+def load_limits(path: Path) -> LimitSet:
+    """Read a limits file.
+
+    Raises:
+        ConfigError: every fault of the file, one a line, each with file, line and column.
+    """
+    return load_model(path, LimitSet)
+
+
+def check_metrics(limits: LimitSet, known: frozenset[str], path: Path | str = "") -> None:
+    """Refuse limits of metrics that nothing measures: they would never be judged.
+
+    Raises:
+        ConfigError: names the first such metric and those that exist.
+    """
+    for limit in limits.limits:
+        if limit.metric not in known:
+            names = ", ".join(sorted(known))
+            raise ConfigError(f"no metric '{limit.metric}'; there are {names}", path=path)

@@ -1,0 +1,1 @@
+"""The metrics, one a file; each holds `METRIC`. See `arl_fixtures.metrics.registry`."""

@@ -1,0 +1,32 @@
+"""The interface of a metric: the one thing a new metric's file has to hold is a `METRIC` of this type."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy.typing as npt
+
+from arl_fixtures.metrics.measurement import Measurement
+from arl_fixtures.metrics.step import StepData
+
+
+def _nothing(_: StepData) -> Mapping[str, npt.NDArray[Any]]:
+    return {}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Metric:
+    """One metric of the bench.
+
+    Attributes:
+        names: names of the values it measures, as limits refer to them.
+        evaluate: measures one DUT in one step. It may raise NotMeasurableError when none of its values can be had;
+            a value that alone cannot be had is returned by `StepData.unmeasured`.
+        remember: arrays to keep in a reference for later steps.
+    """
+
+    names: tuple[str, ...]
+    evaluate: Callable[[StepData], list[Measurement]]
+    remember: Callable[[StepData], Mapping[str, npt.NDArray[Any]]] = _nothing

@@ -1,0 +1,162 @@
+"""All that metrics may know of one DUT in one temperature step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final, TypeVar, final
+
+from pydantic import Field
+
+from arl_fixtures.metrics.conditions import Conditions
+from arl_fixtures.metrics.geometry import Geometry
+from arl_fixtures.metrics.measurement import Measurement
+from arl_fixtures.metrics.reference import NotMeasurableError, Reference
+from arl_fixtures.metrics.statistics import SweepSummary
+from arl_fixtures.quantity import Quantity
+from arl_fixtures.twin.settings import DutSettings
+from arl_fixtures.yaml_model import FileModel
+
+Derived = TypeVar("Derived")
+
+NO_REFERENCE: Final = "no reference recorded yet"
+
+
+class BenchUncertainty(FileModel):
+    """Type B standard uncertainties of the bench, as on its certificates and drawings.
+
+    Attributes:
+        target_position_m: distance of each target from the rotation axis.
+        stage_angle_deg: stage angle at rest.
+        reflectance_relative: certified reflectance of a stripe, relative.
+        mount_position_m: optical centre relative to the rotation axis, each direction.
+        mount_angle_deg: mounting angle of the DUT, each axis.
+    """
+
+    target_position_m: float = Field(default=0.0005, ge=0)
+    stage_angle_deg: float = Field(default=0.01, ge=0)
+    reflectance_relative: float = Field(default=0.01, ge=0)
+    mount_position_m: float = Field(default=0.0005, ge=0)
+    mount_angle_deg: float = Field(default=0.2, ge=0)
+
+
+@final
+class StepData:
+    """One DUT in one step: settings, conditions, reduced sweep, geometry, reference.
+
+    Args:
+        dut: the DUT as its file describes it.
+        conditions: where in the campaign, at which temperatures.
+        sweep: the reduced sweep; None when nothing was recorded.
+        geometry: the twin's expectation at the sweep's angles.
+        expected_angles: angles the profile asked for; 0 where that is not known.
+        reference: what relative metrics refer to; None while it is not yet recorded.
+        uncertainty: type B uncertainties of the bench.
+        faults: what is wrong with the recording, by what is missing: ``intensity``, ``distance`` or ``operating``
+            make the metrics that need that channel INVALID; ``frames`` (bag cut short) explains too few angles.
+    """
+
+    def __init__(
+        self,
+        *,
+        dut: DutSettings,
+        conditions: Conditions,
+        sweep: SweepSummary | None,
+        geometry: Geometry | None,
+        expected_angles: int = 0,
+        reference: Reference | None = None,
+        uncertainty: BenchUncertainty | None = None,
+        faults: Mapping[str, str] | None = None,
+    ) -> None:
+        self.dut = dut
+        self.conditions = conditions
+        self.reference = reference
+        self.uncertainty = uncertainty or BenchUncertainty()
+        self.expected_angles = expected_angles
+        self.faults = dict(faults or {})
+        self._sweep = sweep
+        self._geometry = geometry
+        self._derived: dict[Callable[[StepData], Any], Any] = {}
+
+    @property
+    def sweep(self) -> SweepSummary:
+        """The reduced sweep.
+
+        Raises:
+            NotMeasurableError: nothing was recorded, or not enough.
+        """
+        if self._sweep is None:
+            raise NotMeasurableError(self.faults.get("frames", "no frames were recorded"))
+        return self._sweep
+
+    @property
+    def geometry(self) -> Geometry:
+        """The twin's expectation.
+
+        Raises:
+            NotMeasurableError: there is none.
+        """
+        if self._geometry is None:
+            raise NotMeasurableError("no twin of this DUT: its true ranges are not known")
+        return self._geometry
+
+    def derive(self, function: Callable[[StepData], Derived]) -> Derived:
+        """`function(self)`, computed once; what it raised is raised again."""
+        if function not in self._derived:
+            try:
+                self._derived[function] = function(self)
+            except NotMeasurableError as reason:
+                self._derived[function] = reason
+        found = self._derived[function]
+        if isinstance(found, NotMeasurableError):
+            raise NotMeasurableError(str(found))
+        return found  # type: ignore[no-any-return]  # keyed by the function that made it
+
+    def require(self, *channels: str) -> SweepSummary:
+        """The sweep, if these channels were recorded.
+
+        Args:
+            channels: of ``intensity``, ``distance``, ``operating``.
+
+        Raises:
+            NotMeasurableError: nothing was recorded, or a fault names one of the channels.
+        """
+        for channel in channels:
+            if channel in self.faults:
+                raise NotMeasurableError(self.faults[channel])
+        return self.sweep
+
+    @property
+    def shortfall(self) -> str:
+        """What the recording lacks, as a clause to append to a reason; empty when it is whole."""
+        parts = []
+        recorded = 0 if self._sweep is None else len(self._sweep.frames)
+        if recorded < self.expected_angles:
+            parts.append(f"{recorded} of {self.expected_angles} stage angles recorded")
+        if self._sweep is not None and self._sweep.lost_rows:
+            parts.append(f"{self._sweep.lost_rows} image rows lost")
+        parts += [self.faults["frames"]] if "frames" in self.faults else []
+        return f" ({'; '.join(parts)})" if parts else ""
+
+    def need_reference(self) -> Reference:
+        """The reference, if it may be used for this DUT now.
+
+        Raises:
+            NotMeasurableError: it belongs to another DUT, or it has expired.
+        """
+        if self.reference is None:
+            raise NotMeasurableError(NO_REFERENCE)
+        self.reference.check(self.dut.serial, int(self.sweep.time_ns.max()))
+        return self.reference
+
+    def measured(
+        self, metric: str, quantity: Quantity, *, scope: str = "", reason: str = "", relative: bool = False
+    ) -> Measurement:
+        """A value of this DUT; `relative` names the reference it refers to."""
+        identity = self.reference.identity if relative and self.reference else ""
+        return Measurement(
+            metric=metric, dut=self.dut.serial, scope=scope, quantity=quantity, reason=reason, reference=identity
+        )
+
+    def unmeasured(self, metric: str, reason: str, *, scope: str = "", attempted: bool = True) -> Measurement:
+        """No value, and why."""
+        return Measurement(metric=metric, dut=self.dut.serial, scope=scope, reason=reason, attempted=attempted)
