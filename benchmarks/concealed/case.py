@@ -10,7 +10,7 @@ from benchmarks.concealed.flash import Expected
 from benchmarks.concealed.likelihood import common_scatter_information, mean_information, scatter_information
 from benchmarks.concealed.sensor import Sensor
 
-BANDS = {"faint": (4.5, 8.0), "moderate": (8.0, 20.0), "strong": (20.0, 60.0)}
+BANDS = {"faint": (4.5, 8.0), "moderate": (8.0, 20.0), "strong": (20.0, 300.0)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,24 +121,27 @@ def visibility(sensor: Sensor, effect: Effect, amount: float, conceal: Concealme
 def reach(
     sensor: Sensor, effect: Effect, wanted: float, conceal: Concealment, seen: np.ndarray
 ) -> tuple[float, float]:
-    """Amount at which the oracle sees `wanted`, by a secant on log-log; and the lambda reached."""
-    amount = effect.start
-    got = visibility(sensor, effect, amount, conceal, seen)
+    """Amount at which the oracle sees `wanted`, and the lambda reached: secant on log-log in a shrinking bracket."""
     power = 1.0 if effect.kind in ("mean", "dead") else 2.0
-    best = (amount, got)
-    for _ in range(9):
-        if abs(np.log(max(best[1], 1e-9) / wanted)) < 0.04:
+    x, low, high = float(np.log(effect.start)), -np.inf, float(np.log(effect.limit))
+    best, previous = (effect.start, 0.0), None
+    for _ in range(14):
+        got = float(np.log(max(visibility(sensor, effect, float(np.exp(x)), conceal, seen), 1e-6) / wanted))
+        if previous is None or abs(got) < abs(np.log(max(best[1], 1e-6) / wanted)):
+            best = (float(np.exp(x)), wanted * float(np.exp(got)))
+        if abs(got) < 0.04:
             break
-        step = np.clip(np.log(wanted / max(got, 1e-9)) / power, -3.0, 3.0)
-        following = min(amount * float(np.exp(step)), effect.limit)
-        if following == amount:
+        low, high = (x, high) if got < 0 else (low, x)
+        if previous is not None and abs(x - previous[0]) > 1e-6:
+            power = float(np.clip((got - previous[1]) / (x - previous[0]), 0.4, 4.0))
+        previous = (x, got)
+        step = float(np.clip(got / power, -4.0, 4.0))
+        following = x - step
+        if not low < following < high:
+            following = 0.5 * (low + high) if np.isfinite(low) and np.isfinite(high) else high if got < 0 else low
+        if abs(following - x) < 1e-4:
             break
-        new = visibility(sensor, effect, following, conceal, seen)
-        if got > 0 and new > 0 and abs(np.log(following / amount)) > 1e-3:
-            power = float(np.clip(np.log(new / got) / np.log(following / amount), 0.3, 4.0))
-        amount, got = following, new
-        if abs(np.log(max(got, 1e-9) / wanted)) < abs(np.log(max(best[1], 1e-9) / wanted)):
-            best = (amount, got)
+        x = following
     return best
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from benchmarks.concealed.designs import fine_sweep, sparse
+from benchmarks.concealed.designs import fine_sweep, smooth, sparse
 from benchmarks.concealed.effect import DISTANCE, INTENSITY, Effect, Parameter, sign, wide
 from benchmarks.concealed.effects_light import FIELD
 from benchmarks.concealed.flash import Light, Reality
@@ -269,10 +269,14 @@ RECIPES = (
     Recipe("target.reflectance_error", lambda r: sparse(r, angles=15), _reflectance_error),
     Recipe("target.edge_mixing", lambda r: fine_sweep(r, pixels=24, steps=5, span_deg=20), _edge_mixing),
     Recipe("air.multipath", lambda r: sparse(r, pixels=60, angles=15, steps=5), _multipath),
-    Recipe("stage.zero_offset", lambda r: fine_sweep(r, duts=int(r.choice([1, 2]))), _zero_offset),
-    Recipe("stage.eccentricity", lambda r: sparse(r, pixels=60, angles=19, steps=5), _eccentricity),
-    Recipe("stage.periodic_error", lambda r: fine_sweep(r, pixels=24, span_deg=27), _periodic_error),
-    Recipe("mount.tilt", lambda r: fine_sweep(r, duts=int(r.choice([2, 3])), pixels=20), _tilt),
+    Recipe("stage.zero_offset", lambda r: smooth(fine_sweep(r, duts=int(r.choice([1, 2]))), r), _zero_offset),
+    Recipe("stage.eccentricity", lambda r: smooth(sparse(r, pixels=60, angles=19, steps=5), r), _eccentricity),
+    Recipe("stage.periodic_error", lambda r: smooth(fine_sweep(r, pixels=24, span_deg=27), r), _periodic_error),
+    Recipe("mount.tilt", lambda r: smooth(fine_sweep(r, duts=int(r.choice([2, 3])), pixels=20), r), _tilt),
     Recipe("bench.repeatability", lambda r: sparse(r, steps=30, angles=9, pixels=12), _repeatability),
-    Recipe("acquisition.frame_lag", lambda r: fine_sweep(r, pixels=24, shuffled=bool(r.random() < 0.6)), _frame_lag),
+    Recipe(
+        "acquisition.frame_lag",
+        lambda r: smooth(fine_sweep(r, pixels=24, shuffled=bool(r.random() < 0.6)), r),
+        _frame_lag,
+    ),
 )

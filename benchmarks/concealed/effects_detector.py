@@ -135,10 +135,10 @@ def _crosstalk(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
 
     def apply(reality: Reality, amount: float) -> None:
         def leak(rows: Rows, amplitude: np.ndarray) -> np.ndarray:
-            total = np.zeros(len(rows))
+            own, total = illuminate(rows, Reality()).counts, np.zeros(len(rows))
             for du, dv in moves:
                 u, v = np.clip(rows.u + du, 0, WIDTH_PX - 1), np.clip(rows.v + dv, 0, HEIGHT_PX - 1)
-                total += illuminate(rows, Reality(), u=u, v=v).counts - amplitude
+                total += illuminate(rows, Reality(), u=u, v=v).counts - own
             return amount * total
 
         reality.stray.append(leak)

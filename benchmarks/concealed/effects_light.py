@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from benchmarks.concealed.designs import ageing, dense_rows, fine_sweep, full_frame, sparse
+from benchmarks.concealed.designs import ageing, dense_rows, fine_sweep, full_frame, smooth, sparse
 from benchmarks.concealed.effect import DISTANCE, HISTORY, HOT, INTENSITY, Effect, Parameter, sign, wide
 from benchmarks.concealed.flash import Light, Reality, illuminate, nominal_beam
 from benchmarks.concealed.recipe import Recipe
@@ -18,7 +18,7 @@ def _thermal_rolloff(rng: np.random.Generator, rows: Rows, design: Design) -> Ef
     def apply(reality: Reality, amount: float) -> None:
         def power(rows: Rows, light: Light) -> np.ndarray:
             heat = rows.node_c["laser"] - 25.0
-            return np.maximum(drive - np.exp(amount * heat), 0.0) / (drive - 1.0)
+            return np.maximum(drive - np.exp(amount * heat), 0.02) / (drive - 1.0)
 
         reality.transmission.append(power)
 
@@ -398,6 +398,6 @@ RECIPES = (
     Recipe("optics.window_contamination", lambda r: full_frame(r, stride=2, steps=3), _contamination),
     Recipe("optics.veiling_glare", lambda r: sparse(r, angles=15, steps=8), _glare),
     Recipe("optics.ghost", lambda r: full_frame(r, steps=1, angles=5, stride=1), _ghost),
-    Recipe("optics.focal_drift", lambda r: fine_sweep(r, steps=8, pixels=30), _focal_drift),
-    Recipe("optics.defocus", lambda r: dense_rows(r, rows=3, steps=5, angles=7), _defocus),
+    Recipe("optics.focal_drift", lambda r: smooth(fine_sweep(r, steps=8, pixels=30), r), _focal_drift),
+    Recipe("optics.defocus", lambda r: smooth(dense_rows(r, rows=3, steps=5, angles=7), r), _defocus),
 )

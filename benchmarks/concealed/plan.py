@@ -1,10 +1,10 @@
 """Which cases a batch holds: singles over every recipe and strength, pairs, nulls, effects outside the library."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.concealed import effects_bench, effects_detector, effects_light, effects_timing
+from benchmarks.concealed import effects_bench, effects_detector, effects_light, effects_timing, effects_unknown
 from benchmarks.concealed.assemble import build
 from benchmarks.concealed.case import BANDS, Case, Concealment
 from benchmarks.concealed.designs import dense_rows, fine_sweep, sparse
@@ -18,6 +18,24 @@ LIBRARY: tuple[Recipe, ...] = (
     *effects_timing.RECIPES,
     *effects_bench.RECIPES,
 )
+UNKNOWN: tuple[Recipe, ...] = effects_unknown.RECIPES
+# effects that show on a plain sparse design, so that any two of them can share a table
+PAIRABLE = (
+    "laser.power_decay",
+    "electronics.rail_coupling",
+    "beam.profile_shift",
+    "detector.gain_temperature",
+    "detector.dark_offset",
+    "detector.compression",
+    "detector.pixel_response",
+    "timing.range_walk",
+    "timing.temperature_offset",
+    "timing.clock_scale",
+    "timing.row_skew",
+    "timing.thermal_lag",
+    "target.reflectance_error",
+)
+OWN_DESIGN = ("laser.power_decay", "electronics.rail_coupling", "timing.thermal_lag", "beam.profile_shift")
 SENSORS = {"flash": flash}
 
 
@@ -51,38 +69,80 @@ def conceal(rng: np.random.Generator, sensor: Sensor, effects: list[Effect]) -> 
     )
 
 
-def make(rng: np.random.Generator, order: Order) -> Case:
-    """Draw one case."""
-    if order.kind == "null":
-        design = [
-            lambda: sparse(rng),
-            lambda: fine_sweep(rng),
-            lambda: dense_rows(rng, steps=3),
-            lambda: sparse(rng, steps=5, pixels=10, angles=7, duts=1),
-            lambda: sparse(rng, cycles=(3, 90, 210), steps=8, pixels=14),
-        ][int(rng.integers(5))]()
-        sensor = flash(rng, design)
-        case = build(rng, sensor, [], [], conceal(rng, sensor, []))
+NULL_DESIGNS = (
+    sparse,
+    fine_sweep,
+    lambda rng: dense_rows(rng, steps=3),
+    lambda rng: sparse(rng, steps=5, pixels=10, angles=7, duts=1),
+    lambda rng: sparse(rng, cycles=(3, 90, 210), steps=8, pixels=14),
+    lambda rng: sparse(rng, pixels=60, steps=30, angles=9),
+)
+
+
+def _null(rng: np.random.Generator) -> Case:
+    sensor = flash(rng, NULL_DESIGNS[int(rng.integers(len(NULL_DESIGNS)))](rng))
+    return build(rng, sensor, [], [], conceal(rng, sensor, []))
+
+
+def _try(rng: np.random.Generator, order: Order) -> Case:
+    first = order.recipes[0]
+    design = first.design(rng)
+    sensor = SENSORS[first.sensor](rng, design)
+    effects = [recipe.make(rng, sensor.rows, design) for recipe in order.recipes]
+    if order.kind == "pair" and "masked" in order.bands:
+        weak = float(np.exp(rng.uniform(np.log(6.0), np.log(12.0))))
+        wanted = [10.0 * weak, weak]
     else:
-        first = order.recipes[0]
-        design = first.design(rng)
-        sensor = SENSORS[first.sensor](rng, design)
-        effects = [recipe.make(rng, sensor.rows, design) for recipe in order.recipes]
         wanted = [float(np.exp(rng.uniform(*np.log(BANDS[b])))) for b in order.bands]
-        case = build(rng, sensor, effects, wanted, conceal(rng, sensor, effects))
+    return build(rng, sensor, effects, wanted, conceal(rng, sensor, effects))
+
+
+def make(rng: np.random.Generator, order: Order) -> Case:
+    """Draw one case; what cannot be brought to its band in a design is drawn again in another."""
+    if order.kind == "null":
+        case = _null(rng)
+    else:
+        for _ in range(6):
+            case = _try(rng, order)
+            if all(_hit(told, band) for told, band in zip(case.truth["effects"], order.bands, strict=True)):
+                break
     case.truth["kind"] = order.kind
     return case
 
 
-def orders(rng: np.random.Generator, count: int) -> list[Order]:
-    """A batch: one in six null, the rest singles that walk through the library with rotating strength."""
+def _hit(told: dict[str, Any], band: str) -> bool:
+    return told["lambda"] > 5.0 if band == "masked" else told["band"] == band
+
+
+def pairs(rng: np.random.Generator, count: int) -> list[Order]:
+    """Two effects of different recipes that one design shows: the first recipe's design serves both."""
+    free = [r for r in LIBRARY if r.effect in PAIRABLE]
     batch = []
-    walk = rng.permutation(len(LIBRARY))
-    bands = tuple(BANDS)
+    for _ in range(count):
+        while True:
+            one, two = (free[i] for i in rng.choice(len(free), size=2, replace=False))
+            if not (one.effect in OWN_DESIGN and two.effect in OWN_DESIGN):
+                break
+        # masked pairs share a channel; the one that needs its own design brings it
+        first, second = (two, one) if two.effect in OWN_DESIGN else (one, two)
+        bands = ("masked", "masked") if rng.random() < 0.3 else ("moderate", "moderate")
+        batch.append(Order("pair", (first, second), bands))
+    return batch
+
+
+def orders(rng: np.random.Generator, count: int) -> list[Order]:
+    """A batch: one in six null, one in eight a pair, one in six outside the library, the rest singles in turn."""
+    walk = iter(np.tile(rng.permutation(len(LIBRARY)), 1 + count // len(LIBRARY)))
+    strange = iter(np.tile(rng.permutation(len(UNKNOWN)), 1 + count // len(UNKNOWN)))
+    bands, batch = tuple(BANDS), []
     for k in range(count):
+        band = bands[(k + k // 6) % 3]
         if k % 6 == 5:
             batch.append(Order("null", (), ()))
-            continue
-        recipe = LIBRARY[walk[len(batch) % len(LIBRARY)]]
-        batch.append(Order("single", (recipe,), (bands[(k + k // 6) % 3],)))
+        elif k % 6 == 3:
+            batch.append(Order("unknown", (UNKNOWN[next(strange)],), (band,)))
+        elif k % 8 == 4:
+            batch += pairs(rng, 1)
+        else:
+            batch.append(Order("single", (LIBRARY[next(walk)],), (band,)))
     return batch

@@ -35,6 +35,7 @@ class Design:
     network: Network = field(default_factory=Network)
     dew_point_c: float = -40.0
     dwell_s: float = 6.0
+    smooth: bool = False
 
 
 @dataclass(slots=True, kw_only=True)

@@ -43,7 +43,8 @@ DOT_REFLECTANCE, DOT_RADIUS_M, DOT_PITCH_M = 0.85, 0.035, 0.11
 class Hits:
     """What rays meet; every array has the rays' shape.
 
-    `point_m` (…, 3) and `normal` (…, 3) are in the chamber frame, the normal towards the sensor's side.
+    `point_m` (…, 3) and `normal` (…, 3) are in the chamber frame, the normal towards the sensor's side; `share` is
+    the part of the ray's light that the hit stands for.
     """
 
     range_m: np.ndarray
@@ -52,6 +53,7 @@ class Hits:
     surface: np.ndarray
     point_m: np.ndarray
     normal: np.ndarray
+    share: np.ndarray
 
 
 def pixel_rays(u: np.ndarray, v: np.ndarray, focal_scale: np.ndarray | float = 1.0) -> np.ndarray:
@@ -88,50 +90,98 @@ def to_chamber(vectors: np.ndarray, stage_angle_deg: np.ndarray) -> np.ndarray:
     return np.stack([c * forward - s * left, s * forward + c * left, up], axis=-1)
 
 
-def _dot_reflectance(across: np.ndarray, up: np.ndarray) -> np.ndarray:
+def _dot_share(across: np.ndarray, up: np.ndarray, blur_m: np.ndarray | float) -> np.ndarray:
+    """Share of a footprint of width `blur_m` that lies on a calibration circle; 0 or 1 where the width is zero."""
     column = np.clip(np.round(across / DOT_PITCH_M), -2, 2) * DOT_PITCH_M
     row = np.clip(np.round(up / DOT_PITCH_M), -2, 2) * DOT_PITCH_M
-    return np.hypot(across - column, up - row) <= DOT_RADIUS_M
+    return _inside(DOT_RADIUS_M - np.hypot(across - column, up - row), blur_m)
 
 
-def trace(origin_m: np.ndarray, direction: np.ndarray) -> Hits:
-    """Nearest surface along each ray.
+def _inside(depth_m: np.ndarray, blur_m: np.ndarray | float) -> np.ndarray:
+    """Share of a footprint inside of an edge, from its depth behind the edge: a ramp as wide as the footprint."""
+    if np.ndim(blur_m) == 0 and blur_m == 0:
+        return (depth_m >= 0).astype(float)
+    return np.clip(0.5 + depth_m / blur_m, 0.0, 1.0)
+
+
+def trace(origin_m: np.ndarray, direction: np.ndarray, footprint_rad: float = 0.0) -> Hits:
+    """Surfaces along each ray.
 
     Args:
         origin_m: optical centres in the chamber frame, broadcastable to `direction`.
-        direction: unit rays in the chamber frame, shape (…, 3).
+        direction: unit rays in the chamber frame, shape (…, S, 3) or (…, 3).
+        footprint_rad: width of the beamlet that a ray stands for. Zero: the nearest surface counts wholly, the last
+            axis of the answer is the rays'. Else a ray at a panel's edge is shared between panel and wall, and the
+            answer's last axis is twice as long: panels first, what lies behind them second.
     """
     origin_m = np.broadcast_to(origin_m, direction.shape)
     ox, oy = origin_m[..., 0], origin_m[..., 1]
     dx, dy = direction[..., 0], direction[..., 1]
     a, b, c = dx * dx + dy * dy, ox * dx + oy * dy, ox * ox + oy * oy - WALL_M**2
-    best = (-b + np.sqrt(b * b - a * c)) / a
-    point = origin_m + best[..., None] * direction
-    normal = np.stack([-point[..., 0] / WALL_M, -point[..., 1] / WALL_M, np.zeros_like(best)], axis=-1)
+    wall_m = (-b + np.sqrt(b * b - a * c)) / a
+    point = origin_m + wall_m[..., None] * direction
+    wall_normal = np.stack([-point[..., 0] / WALL_M, -point[..., 1] / WALL_M, np.zeros_like(wall_m)], axis=-1)
+    best, normal, share = wall_m.copy(), wall_normal.copy(), np.zeros_like(wall_m)
     reflectance, surface = np.full(best.shape, WALL_REFLECTANCE), np.zeros(best.shape, dtype=np.int8)
     for panel in PANELS:
         azimuth = np.radians(panel.azimuth_deg)
         nx, ny = np.cos(azimuth), np.sin(azimuth)
         closing = dx * nx + dy * ny
         with np.errstate(divide="ignore", invalid="ignore"):
-            distance = (ARC_M - (ox * nx + oy * ny)) / closing
+            distance = np.where(closing > 0.05, (ARC_M - (ox * nx + oy * ny)) / closing, 50.0)
         across = -(ox + distance * dx) * ny + (oy + distance * dy) * nx
         up = origin_m[..., 2] + distance * direction[..., 2]
-        hit = (closing > 0) & (distance > 0) & (distance < best)
-        hit &= (np.abs(across) <= panel.width_m / 2) & (np.abs(up) <= panel.height_m / 2)
-        value = (
-            np.where(_dot_reflectance(across, up), DOT_REFLECTANCE, panel.reflectance)
-            if panel.dots
-            else (panel.reflectance)
-        )
+        depth = np.minimum(panel.width_m / 2 - np.abs(across), panel.height_m / 2 - np.abs(up))
+        blur = footprint_rad * distance if footprint_rad else 0.0
+        cover = _inside(depth, blur) * (distance < wall_m)
+        hit = cover > share
+        value: np.ndarray | float = panel.reflectance
+        if panel.dots:
+            value = panel.reflectance + (DOT_REFLECTANCE - panel.reflectance) * _dot_share(across, up, blur)
         best = np.where(hit, distance, best)
         reflectance = np.where(hit, value, reflectance)
         surface = np.where(hit, SURFACES.index(panel.name), surface).astype(np.int8)
         normal = np.where(hit[..., None], np.array([-nx, -ny, 0.0]), normal)
-    point = origin_m + best[..., None] * direction
-    cosine = np.abs(np.sum(direction * normal, axis=-1))
+        share = np.where(hit, cover, share)
+    if not footprint_rad:
+        return _hits(origin_m, direction, best, normal, reflectance, surface, np.ones_like(best))
+    front = _hits(origin_m, direction, best, normal, reflectance, surface, share)
+    behind = _hits(
+        origin_m,
+        direction,
+        wall_m,
+        wall_normal,
+        np.full_like(best, WALL_REFLECTANCE),
+        np.zeros_like(surface),
+        1.0 - share,
+    )
     return Hits(
-        range_m=best, cos_incidence=cosine, reflectance=reflectance, surface=surface, point_m=point, normal=normal
+        **{
+            name: np.concatenate([getattr(front, name), getattr(behind, name)], axis=direction.ndim - 2)
+            for name in Hits.__slots__
+        }
+    )
+
+
+def _hits(
+    origin_m: np.ndarray,
+    direction: np.ndarray,
+    range_m: np.ndarray,
+    normal: np.ndarray,
+    reflectance: np.ndarray,
+    surface: np.ndarray,
+    share: np.ndarray,
+) -> Hits:
+    cosine = np.abs(np.sum(direction * normal, axis=-1))
+    point = origin_m + range_m[..., None] * direction
+    return Hits(
+        range_m=range_m,
+        cos_incidence=cosine,
+        reflectance=reflectance,
+        surface=surface,
+        point_m=point,
+        normal=normal,
+        share=share,
     )
 
 

@@ -52,10 +52,12 @@ class Sensor:
 def flash(rng: np.random.Generator, design: Design) -> Sensor:
     """The flash sensor on the bench."""
     rows = lay_out(design, rng)
-    light = illuminate(rows, Reality())
+    footprint_rad = 0.0055 if design.smooth else 0.0
+    light = illuminate(rows, Reality(footprint_rad=footprint_rad))
+    sharp = illuminate(rows, Reality()) if design.smooth else light
 
     def answer(effects: list[tuple[Effect, float]]) -> Expected:
-        reality = Reality()
+        reality = Reality(footprint_rad=footprint_rad)
         for effect, amount in effects:
             effect.apply(reality, amount)
         return expect(rows, reality, light)
@@ -67,7 +69,7 @@ def flash(rng: np.random.Generator, design: Design) -> Sensor:
         blocks["dut"] = rows.dut
     return Sensor(
         name="flash",
-        columns=covariates(rng, rows, design, light),
+        columns=covariates(rng, rows, design, sharp),
         answer=answer,
         channels=(INTENSITY, DISTANCE),
         n_frames=np.full(len(rows), design.n_frames),

@@ -55,7 +55,7 @@ def pulse(receiver: Receiver) -> tuple[np.ndarray, np.ndarray]:
     else:
         # gain-switched build-up is steeper than the cavity's decay
         s = t - 2.5 * w
-        light = 1.0 / (np.exp(-s / (0.22 * w)) + np.exp(s / (0.42 * w)))
+        light = 1.0 / (np.exp(np.minimum(-s / (0.22 * w), 300.0)) + np.exp(np.minimum(s / (0.42 * w), 300.0)))
     response = np.exp(-t / receiver.tau_ns)
     detected = np.convolve(light, response)[: t.size]
     return t, detected / detected.max()
