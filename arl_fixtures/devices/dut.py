@@ -1,0 +1,361 @@
+"""Receiver of all DUTs' frames: HFL110 over UDP, three sensors on one port, told apart by sender address.
+
+A frame counts at a stage angle only if its exposure began after the stage stood still. The sensor does not say when
+that was; the receiver infers it from the arrival of a frame's first packet and `exposure_lead_s`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final, final
+
+import numpy as np
+from pydantic import Field
+
+from arl_fixtures.devices.dut_status import DutSilentError, DutStatus, FrozenFrameError
+from arl_fixtures.devices.interfaces import Identity
+from arl_fixtures.devices.port import Clock, Datagram, DatagramPort
+from arl_fixtures.errors import LocalProtocolError, RemoteProtocolError
+from arl_fixtures.metrics.block import AngleBlock
+from arl_fixtures.protocols.frame_assembly import AssembledFrame, FrameAssembler
+from arl_fixtures.protocols.hfl110 import FRAME_PERIOD_S, FRAME_PORT, ROWS, TELEMETRY_PORT, Hfl110Wire, decode_frames
+from arl_fixtures.protocols.hfl110_telemetry import Telemetry, decode_telemetry
+from arl_fixtures.protocols.operating_record import OPERATING_PORT, OperatingRecord, decode_record
+
+PIXELS: Final = slice(92, 1116)
+"""Bytes of a packet that hold ranges and intensities."""
+LONGEST_BACKLOG_S: Final = 1.0
+"""Frames that lie unread longer than this are not worth reading: newer ones come at once."""
+NANOSECONDS: Final = 1e9
+
+
+class HflSettings(Hfl110Wire):
+    """What the receiver believes about the sensors, beyond the bytes.
+
+    Attributes:
+        frame_port: UDP port of frame packets.
+        telemetry_port: UDP port of telemetry.
+        operating_port: UDP port of operating records.
+        exposure_lead_s: from the beginning of a frame's exposure to the arrival of its first packet. It is not
+            documented for the real sensor; a frame period is on the safe side, a smaller value saves waiting time
+            at each angle.
+        frame_timeout_s: an incomplete frame is given up when nothing of it has come for this long.
+        fewest_rows: a frame with fewer rows is dropped and counted.
+        silence_s: a DUT of which nothing came for this long is silent.
+        operating_max_age_s: operating data older than this are not recorded with a frame set.
+        refuse_frozen: whether pixels that are the same in all frames of a set are an error.
+    """
+
+    frame_port: int = Field(default=FRAME_PORT, gt=0, lt=65536)
+    telemetry_port: int = Field(default=TELEMETRY_PORT, gt=0, lt=65536)
+    operating_port: int = Field(default=OPERATING_PORT, gt=0, lt=65536)
+    exposure_lead_s: float = Field(default=FRAME_PERIOD_S, ge=0, le=1)
+    frame_timeout_s: float = Field(default=0.060, gt=0)
+    fewest_rows: int = Field(default=8, ge=1, le=ROWS)
+    silence_s: float = Field(default=2.0, gt=0)
+    operating_max_age_s: float = Field(default=1.0, gt=0)
+    refuse_frozen: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HflPorts:
+    """Sockets of a receiver. Telemetry and operating data may be missing."""
+
+    frames: DatagramPort
+    telemetry: DatagramPort | None = None
+    operating: DatagramPort | None = None
+
+
+@dataclass(slots=True, kw_only=True)
+class _Sensor:
+    serial: str
+    address: str
+    assembler: FrameAssembler
+    frames: list[AssembledFrame] = field(default_factory=list)
+    last_packet_s: float = float("-inf")
+    dropped_frames: int = 0
+    corrupt_rows: int = 0
+    telemetry: Telemetry | None = None
+    operating: OperatingRecord | None = None
+    operating_s: float = float("-inf")
+
+
+@final
+class HflReceiver:
+    """All DUTs of a bench.
+
+    Args:
+        ports: sockets, shared by all DUTs.
+        clock: bench clock.
+        senders: sender address by serial number.
+        settings: protocol and patience.
+
+    Raises:
+        LocalProtocolError: two DUTs have the same sender address.
+    """
+
+    def __init__(
+        self, ports: HflPorts, clock: Clock, senders: Mapping[str, str], settings: HflSettings | None = None
+    ) -> None:
+        self._ports, self._clock = ports, clock
+        self._settings = settings = settings or HflSettings()
+        self._sensors = {
+            serial: _Sensor(
+                serial=serial,
+                address=address,
+                assembler=FrameAssembler(settings.packet_number_counts, timeout_s=settings.frame_timeout_s),
+            )
+            for serial, address in senders.items()
+        }
+        self._by_address = {sensor.address: sensor for sensor in self._sensors.values()}
+        if len(self._by_address) < len(self._sensors):
+            raise LocalProtocolError(f"HFL110 receiver: two DUTs send from the same address: {dict(senders)}")
+        self._listened_s = float("-inf")
+        self.unknown_senders: dict[str, int] = {}
+        """Packets dropped because nobody configured their sender, by address."""
+        self.malformed_records = 0
+        """Telemetry and operating packets that could not be read."""
+
+    @property
+    def serials(self) -> tuple[str, ...]:
+        """The configured DUTs."""
+        return tuple(self._sensors)
+
+    def collect(
+        self,
+        serials: Sequence[str],
+        n_frames: int,
+        *,
+        not_before_s: float,
+        timeout_s: float,
+        angle_index: int = 0,
+        stage_angle_deg: float = 0.0,
+    ) -> dict[str, AngleBlock]:
+        """The first frames of each DUT whose exposure began at or after a time, all DUTs in parallel.
+
+        Frames with missing rows count: they are delivered with those rows masked. What arrived before the first
+        exposure that counts is thrown away unread.
+
+        Args:
+            serials: the DUTs wanted.
+            n_frames: frames of each.
+            not_before_s: earliest exposure, bench time.
+            timeout_s: from now, bench time.
+            angle_index: goes into the blocks.
+            stage_angle_deg: goes into the blocks.
+
+        Returns:
+            One block per serial number, with the latest operating data.
+
+        Raises:
+            DutSilentError: DUTs sent nothing or too little; names serial numbers and addresses.
+            FrozenFrameError: DUTs repeat one frame.
+            LocalProtocolError: a serial number is not configured.
+        """
+        wanted = [self._sensor(serial) for serial in serials]
+        clock, settings = self._clock, self._settings
+        start_s = clock.now_s
+        not_before_s = max(not_before_s, start_s - LONGEST_BACKLOG_S)
+        from_s = not_before_s + settings.exposure_lead_s
+        deadline_s = start_s + timeout_s
+        for sensor in self._sensors.values():
+            sensor.assembler.reset()
+            sensor.frames = []
+        self._ports.frames.discard(from_s)
+        missing = [sensor for sensor in wanted if n_frames > 0]
+        while missing:
+            now_s = clock.now_s
+            if now_s >= deadline_s or self._hopeless(missing, start_s, now_s):
+                break
+            self._sort(self._ports.frames.receive(min(deadline_s - now_s, settings.frame_timeout_s)), from_s)
+            missing = [sensor for sensor in missing if len(sensor.frames) < n_frames]
+        self._read_records()
+        late = {sensor.serial for sensor in missing}
+        blocks = {
+            sensor.serial: self._block(sensor, n_frames, angle_index=angle_index, stage_angle_deg=stage_angle_deg)
+            for sensor in wanted
+            if sensor.serial not in late
+        }
+        if missing:
+            said = "; ".join(self._silence(sensor, n_frames, start_s) for sensor in missing)
+            raise DutSilentError(said, serials=tuple(late), blocks=blocks)
+        self._refuse_frozen(wanted, n_frames, blocks)
+        return blocks
+
+    def listen(self, duration_s: float) -> dict[str, DutStatus]:
+        """Listen to all DUTs for a while, as a check of the connection.
+
+        Returns:
+            Status by serial number.
+        """
+        deadline_s = self._clock.now_s + duration_s
+        while (now_s := self._clock.now_s) < deadline_s:
+            self._sort(self._ports.frames.receive(deadline_s - now_s), float("inf"))
+        self._read_records()
+        return self.status()
+
+    def status(self) -> dict[str, DutStatus]:
+        """What is known of each DUT, without waiting."""
+        return {
+            sensor.serial: DutStatus(
+                serial=sensor.serial,
+                address=sensor.address,
+                last_packet_s=sensor.last_packet_s,
+                counts=sensor.assembler.counts,
+                dropped_frames=sensor.dropped_frames,
+                corrupt_rows=sensor.corrupt_rows,
+                telemetry=sensor.telemetry,
+                operating=sensor.operating,
+                complaint=self._complaint(sensor),
+            )
+            for sensor in self._sensors.values()
+        }
+
+    def identify(self) -> Identity:
+        """Serial numbers as the DUTs report them, as far as they have."""
+        known = [sensor.telemetry for sensor in self._sensors.values() if sensor.telemetry is not None]
+        revisions = sorted({str(telemetry.hardware_revision) for telemetry in known})
+        return Identity(
+            name="HFL110", firmware=", ".join(revisions), serial=", ".join(telemetry.serial for telemetry in known)
+        )
+
+    def close(self) -> None:
+        """Release the sockets."""
+        for port in (self._ports.frames, self._ports.telemetry, self._ports.operating):
+            if port is not None:
+                port.close()
+
+    def _sensor(self, serial: str) -> _Sensor:
+        sensor = self._sensors.get(serial)
+        if sensor is None:
+            raise LocalProtocolError(f"no DUT '{serial}' is configured; there are {', '.join(self._sensors)}")
+        return sensor
+
+    def _sort(self, datagrams: Iterable[Datagram], from_s: float) -> None:
+        """Hand packets to their sensors and keep frames that began at or after `from_s` by their first packet."""
+        packets: dict[str, list[tuple[bytes, float]]] = {address: [] for address in self._by_address}
+        for payload, sender, time_s in datagrams:
+            mine = packets.get(sender)
+            if mine is None:
+                self.unknown_senders[sender] = self.unknown_senders.get(sender, 0) + 1
+            else:
+                mine.append((payload, time_s))
+        self._listened_s = now_s = self._clock.now_s
+        for address, mine in packets.items():
+            sensor = self._by_address[address]
+            finished = sensor.assembler.feed(mine) if mine else []
+            if mine:
+                sensor.last_packet_s = mine[-1][1]
+            finished += sensor.assembler.expire(now_s)
+            for frame in finished:
+                if frame.cut or frame.first_s < from_s:
+                    continue
+                if frame.arrived < self._settings.fewest_rows:
+                    sensor.dropped_frames += 1
+                else:
+                    sensor.frames.append(frame)
+
+    def _hopeless(self, missing: Iterable[_Sensor], start_s: float, now_s: float) -> bool:
+        """Whether all DUTs that are waited for have been silent too long."""
+        silence_s = self._settings.silence_s
+        return all(now_s - max(sensor.last_packet_s, start_s) > silence_s for sensor in missing)
+
+    def _block(self, sensor: _Sensor, n_frames: int, *, angle_index: int, stage_angle_deg: float) -> AngleBlock:
+        taken = sensor.frames[:n_frames]
+        frames = decode_frames([row for frame in taken for row in frame.rows], self._settings)
+        sensor.corrupt_rows += frames.corrupt_rows
+        epoch_ns = self._clock.utc_ns() - round(self._clock.now_s * NANOSECONDS)
+        lead_s = self._settings.exposure_lead_s
+        operating: Mapping[str, float] = {}
+        fresh = taken and taken[-1].last_s - sensor.operating_s <= self._settings.operating_max_age_s
+        if fresh and sensor.operating is not None:
+            operating = sensor.operating.values
+        return AngleBlock(
+            dut=sensor.serial,
+            angle_index=angle_index,
+            stage_angle_deg=stage_angle_deg,
+            time_ns=np.array(
+                [epoch_ns + round((frame.first_s - lead_s) * NANOSECONDS) for frame in taken], dtype=np.int64
+            ),
+            intensity_counts=frames.intensity_counts,
+            distance_m=frames.distance_m,
+            row_valid=frames.row_valid,
+            operating=operating,
+        )
+
+    def _read_records(self) -> None:
+        for port, take in (
+            (self._ports.telemetry, self._take_telemetry),
+            (self._ports.operating, self._take_operating),
+        ):
+            if port is None:
+                continue
+            # only the last record of each DUT is of interest
+            latest: dict[str, Datagram] = {}
+            for datagram in port.receive(0.0):
+                latest[datagram.sender] = datagram
+            for sender, datagram in latest.items():
+                sensor = self._by_address.get(sender)
+                if sensor is None:
+                    self.unknown_senders[sender] = self.unknown_senders.get(sender, 0) + 1
+                    continue
+                try:
+                    take(sensor, datagram)
+                except RemoteProtocolError:
+                    self.malformed_records += 1
+
+    def _take_telemetry(self, sensor: _Sensor, datagram: Datagram) -> None:
+        sensor.telemetry = decode_telemetry(datagram.payload, self._settings)
+
+    def _take_operating(self, sensor: _Sensor, datagram: Datagram) -> None:
+        sensor.operating = decode_record(datagram.payload)
+        sensor.operating_s = datagram.time_s
+
+    def _refuse_frozen(self, wanted: Iterable[_Sensor], n_frames: int, blocks: Mapping[str, AngleBlock]) -> None:
+        if not self._settings.refuse_frozen or n_frames < 2:
+            return
+        frozen = [
+            sensor
+            for sensor in wanted
+            if _same_pixels(sensor.frames[:n_frames]) and blocks[sensor.serial].intensity_counts.any()
+        ]
+        if frozen:
+            said = "; ".join(
+                f"DUT {sensor.serial} at {sensor.address}: frozen, {n_frames} frames with the same pixels"
+                for sensor in frozen
+            )
+            serials = tuple(sensor.serial for sensor in frozen)
+            good = {serial: block for serial, block in blocks.items() if serial not in serials}
+            raise FrozenFrameError(said, serials=serials, blocks=good)
+
+    def _silence(self, sensor: _Sensor, n_frames: int, start_s: float) -> str:
+        who = f"DUT {sensor.serial} at {sensor.address}"
+        waited_s = self._clock.now_s - start_s
+        if sensor.last_packet_s < start_s:
+            return f"{who}: silent, no packet on {self._ports.frames.name} for {waited_s:.1f} s"
+        return f"{who}: {len(sensor.frames)} of {n_frames} frames in {waited_s:.1f} s"
+
+    def _complaint(self, sensor: _Sensor) -> str:
+        silent_s = self._listened_s - sensor.last_packet_s
+        if sensor.last_packet_s == float("-inf"):
+            return "no packet yet"
+        if silent_s > self._settings.silence_s:
+            return f"silent for {silent_s:.1f} s"
+        if sensor.telemetry is not None and sensor.telemetry.serial != sensor.serial:
+            return f"calls itself '{sensor.telemetry.serial}'"
+        return ""
+
+
+def _same_pixels(frames: Sequence[AssembledFrame]) -> bool:
+    """Whether all frames carry the same pixels, in the rows that they all have."""
+    first = frames[0].rows
+    common = [row for row in range(ROWS) if all(frame.rows[row] is not None for frame in frames)]
+    # noise makes the very first row differ in a sensor that is alive, so this ends there
+    return bool(common) and all(
+        _pixels(frame.rows[row]) == _pixels(first[row]) for row in common for frame in frames[1:]
+    )
+
+
+def _pixels(row: bytes | None) -> bytes:
+    return b"" if row is None else row[PIXELS]
