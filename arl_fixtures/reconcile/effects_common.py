@@ -28,6 +28,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
 """Name of a grouping (an option of group-scatter variants) to the columns whose combination makes a group."""
 
 _SAMPLE = 20_000
+_ROOM_C = 25.0
 _WINDOW = ("plate_", "coolant_", "ambient_", "set_")
 _CALENDAR = ("cycle", "operating_time_h", "operating_hours_h", "shots")
 
@@ -99,9 +100,15 @@ def age_drivers(view: View) -> tuple[str, ...]:
     return tuple(found[:3])
 
 
+def reference(view: View, column: str) -> float:
+    """Value of a driver at which its effect is nil: 25 °C where the table's temperatures hold it, else the median."""
+    low, high = view.span(column)
+    return _ROOM_C if unit_of(column) == "°C" and low <= _ROOM_C <= high else view.middle(column)
+
+
 def excess(view: View, column: str) -> FloatArray:
-    """Driver minus its median over the table, zero where it was not logged."""
-    return per_view(view, ("excess", column), lambda: np.nan_to_num(view.number(column) - view.middle(column)))
+    """Driver minus its reference, zero where it was not logged."""
+    return per_view(view, ("excess", column), lambda: np.nan_to_num(view.number(column) - reference(view, column)))
 
 
 def half_span(view: View, column: str) -> float:
@@ -246,3 +253,8 @@ class LightFactor(Effect):
 def percent(low: float, high: float) -> str:
     """Two changes in percent as words for a sentence."""
     return f"between {low:+.1f} and {high:+.1f} %"
+
+
+def in_mm(length: float, channel: str) -> float:
+    """A length in the unit of a distance channel, in millimetres."""
+    return length if unit_of(channel) == "mm" else length * 1e3

@@ -1,0 +1,117 @@
+"""The beam's width or shape changed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from arl_fixtures.reconcile.effect import Stage, Values, Variant
+from arl_fixtures.reconcile.effects_common import (
+    FloatArray,
+    LightFactor,
+    age,
+    age_drivers,
+    amplitude,
+    excess,
+    half_span,
+    light_channels,
+    percent,
+    shape,
+    signals,
+    temperature_drivers,
+)
+from arl_fixtures.reconcile.effects_scene import azimuth, elevation, illumination, log_profile
+from arl_fixtures.reconcile.roles import unit_of
+from arl_fixtures.reconcile.view import View
+
+_ANGLES = (("az", "azimuth_deg"), ("el", "elevation_deg"))
+
+
+class ProfileChange(LightFactor):
+    """A stretched beam, I *= B(az/(1+w_az), el/(1+w_el)) / B(az, el), or one whose edges fall off on their own.
+
+    A stretched beam keeps its energy: its middle gets weaker as it gets wider.
+    """
+
+    id = "beam.profile_change"
+    stage = Stage.BEAM
+    source = "ISO 11146-1 (beam widths); top-hat diffuser ageing as an edge loss of order 2 to 4"
+    confusable = ("optics.vignetting", "beam.profile_shift", "optics.filter_shift")
+
+    def variants(self, view: View) -> Iterable[Variant]:
+        """Width and edge, fixed or driven by a temperature or by age."""
+        temperatures = temperature_drivers(view, "laser_temperature_c", "housing_temperature_c", limit=1)
+        for channel in signals(view):
+            if illumination(view, channel) is None:
+                continue
+            rays = tuple(column for _, column in _ANGLES if view.varies(column))
+            for driver in ("", *temperatures, *age_drivers(view)[:1]):
+                for kind in ("width", "edge"):
+                    parameters = [
+                        amplitude(f"{kind}_{axis}", "1", -0.5, 2.0, 0.05) if kind == "width"
+                        else amplitude(f"{kind}_{axis}", "1", -1.0, 3.0, 0.05)
+                        for axis, column in _ANGLES if view.varies(column)
+                    ]  # fmt: skip
+                    if kind == "edge":
+                        parameters.append(shape("order", "1", 1.5, 8.0, 3.0))
+                    yield Variant(
+                        effect=self.id,
+                        options={"channel": channel, "kind": kind, "driver": driver},
+                        parameters=tuple(parameters),
+                        channels=light_channels(view, channel),
+                        drivers=(*((driver,) if driver else ()), *rays),
+                    )
+
+    def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
+        """Ratio of the changed to the simulated profile."""
+        channel = str(variant.options["channel"])
+        profile = illumination(view, channel)
+        if profile is None:
+            return np.ones(view.n)
+        az, el = azimuth(view), elevation(view)
+        driver = str(variant.options["driver"])
+        size = _size(view, driver)
+        if variant.options["kind"] == "edge":
+            order = float(values["order"])
+            loss = float(values.get("edge_az", 0.0)) * np.abs(az / profile.reach_az) ** order
+            loss = loss + float(values.get("edge_el", 0.0)) * np.abs(el / profile.reach_el) ** order
+            return np.asarray(np.exp(np.clip(-loss * size, -4.0, 4.0)))
+        wide_az = np.maximum(1.0 + float(values.get("width_az", 0.0)) * size, 0.3)
+        wide_el = np.maximum(1.0 + float(values.get("width_el", 0.0)) * size, 0.3)
+        stretched = profile.log(az / wide_az, el / wide_el) - log_profile(view, channel) - np.log(wide_az * wide_el)
+        return np.asarray(np.exp(np.clip(stretched, -4.0, 4.0)))
+
+    def expression(self, variant: Variant) -> str:
+        """The law."""
+        channel, driver = variant.options["channel"], variant.options["driver"]
+        grown = f", both * {driver} (-1 ... +1 or 0 ... 1 over its range)" if driver else ""
+        if variant.options["kind"] == "edge":
+            return f"{channel} *= exp(-edge_az * |az / edge|^order - edge_el * |el / edge|^order){grown}"
+        return (
+            f"{channel} *= B(azimuth / (1 + width_az), elevation / (1 + width_el)) / ((1 + width_az) (1 + width_el) "
+            "B)"
+            f"{grown}"
+        )
+
+    def sentence(self, variant: Variant, values: Values, view: View) -> str:
+        """Change of light over the field."""
+        driver = str(variant.options["driver"])
+        when = ""
+        if driver:
+            low, high = view.span(driver)
+            when = f" from {low:.4g} to {high:.4g} {unit_of(driver)} of {driver}"
+        what = "width" if variant.options["kind"] == "width" else "fall-off at its edges"
+        return f"The beam's {what} changed{when}: the signal differs {percent(*self.change(variant, values, view))}."
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What tells it from the receiver."""
+        return "Picture the beam on a screen with an infrared camera: the receiver's vignetting is not on it."
+
+
+def _size(view: View, driver: str) -> FloatArray | float:
+    if not driver:
+        return 1.0
+    if driver in age_drivers(view):
+        return age(view, driver)
+    return excess(view, driver) / half_span(view, driver)

@@ -1,0 +1,71 @@
+"""The detector's response flattens towards high signal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_common import amplitude, set_response, shape, signals, top_signal, with_scatter
+from arl_fixtures.reconcile.view import View
+
+
+class Compression(Effect):
+    """I' = I / (1 + (strength·I/I_top)^sharpness)^(1/sharpness); I_top is the table's strongest simulated signal.
+
+    sharpness 1 bends everywhere, large values are a straight line up to a knee at I_top / strength.
+    """
+
+    id = "detector.compression"
+    stage = Stage.DETECTOR
+    source = (
+        "Rapp, Proc. 2nd European Conf. on Satellite Communications (1991) 179: smooth limiter with knee sharpness"
+    )
+    confusable = ("detector.pile_up", "target.reflectance_error", "optics.veiling_glare")
+
+    def variants(self, view: View) -> Iterable[Variant]:
+        """One per intensity channel."""
+        for channel in signals(view):
+            yield Variant(
+                effect=self.id,
+                options={"channel": channel},
+                parameters=(
+                    amplitude("strength", "1", 0.0, 20.0, 0.2),
+                    shape("sharpness", "1", 0.5, 12.0, 1.5, 5.0),
+                ),
+                channels=with_scatter(view, channel),
+                drivers=(f"sim_{channel}",),
+            )
+
+    def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
+        """Bends the signal; its scatter shrinks with the local slope."""
+        channel, power = str(variant.options["channel"]), float(values["sharpness"])
+        light = state[channel]
+        filled = np.clip(values["strength"] * light / top_signal(view, channel), 0.0, 1e4)
+        grown = np.log1p(filled**power)
+        bent = np.exp(-grown / power)
+        set_response(state, channel, light * bent, bent * np.exp(-grown))
+
+    def expression(self, variant: Variant) -> str:
+        """The law."""
+        channel = variant.options["channel"]
+        return f"{channel} /= (1 + (strength * {channel} / top)^sharpness)^(1/sharpness), top = strongest simulated"
+
+    def sentence(self, variant: Variant, values: Values, view: View) -> str:
+        """Loss at the strongest signal and knee."""
+        channel = str(variant.options["channel"])
+        top, power, strength = top_signal(view, channel), float(values["sharpness"]), float(values["strength"])
+        lost = -np.expm1(-np.log1p(strength**power) / power) * 100.0
+        knee = top / max(strength, 1e-9)
+        return (
+            f"Strong signals are compressed: {lost:.1f} % are missing at {top:.0f}; saturation level {knee:.0f} "
+            f"({channel})."
+        )
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What tells it from a target's certificate."""
+        return (
+            "Put a neutral-density filter in front of the window or move the bright target away: compression follows "
+            "the signal, an error of the target's reflectance stays."
+        )

@@ -1,0 +1,91 @@
+"""A dark signal adds counts and noise, growing with temperature."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_common import (
+    amplitude,
+    noise_law,
+    shape,
+    signals,
+    temperature_drivers,
+    top_signal,
+    with_scatter,
+)
+from arl_fixtures.reconcile.roles import unit_of
+from arl_fixtures.reconcile.view import View
+
+
+class DarkOffset(Effect):
+    """I += dark · 2^((T − T_top) / doubling), with its shot noise; T_top is the table's highest temperature.
+
+    Without a temperature in the table the offset is constant.
+    """
+
+    id = "detector.dark_offset"
+    stage = Stage.DETECTOR
+    source = (
+        "Sze, Ng, Physics of Semiconductor Devices (2007), sec. 2.4: generation current, doubling every 8 to 10 K"
+    )
+    confusable = ("optics.veiling_glare", "detector.gain_temperature", "readout.noise_excess")
+
+    def variants(self, view: View) -> Iterable[Variant]:
+        """One per intensity channel and temperature near the detector."""
+        columns = temperature_drivers(
+            view, "tof_temperature_c", "fpga_temperature_c", "housing_temperature_c", limit=2, never=("laser_",)
+        )
+        for channel in signals(view):
+            unit, top = unit_of(channel), top_signal(view, channel)
+            for column in columns or ("",):
+                parameters = [amplitude("dark", unit, 0.0, 0.5 * top, 0.01 * top)]
+                if column:
+                    parameters.append(shape("doubling", "K", 4.0, 40.0, 9.0))
+                if f"{channel}_std" in view.sim:
+                    start = noise_law(view, channel)[1]
+                    start = start if start > 0.0 else 1e-3 * top
+                    parameters.append(shape("shot", f"{unit}^2/{unit}", 0.0, 20.0 * start, start))
+                yield Variant(
+                    effect=self.id,
+                    options={"channel": channel, "temperature": column},
+                    parameters=tuple(parameters),
+                    channels=with_scatter(view, channel),
+                    drivers=(column,) if column else (f"sim_{channel}",),
+                )
+
+    def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
+        """Adds counts, and their shot noise to the scatter."""
+        channel, column = str(variant.options["channel"]), str(variant.options["temperature"])
+        added = np.full(view.n, float(values["dark"]))
+        if column:
+            colder = np.nan_to_num(view.number(column) - view.span(column)[1])
+            added = added * np.exp2(np.clip(colder / values["doubling"], -200.0, 0.0))
+        state[channel] = state[channel] + added
+        scatter = f"{channel}_std"
+        if scatter in state:
+            state[scatter] = np.sqrt(state[scatter] ** 2 + values.get("shot", 0.0) * added)
+
+    def expression(self, variant: Variant) -> str:
+        """The law."""
+        channel, column = variant.options["channel"], variant.options["temperature"]
+        if not column:
+            return f"{channel} += dark; {channel}_std^2 += shot * dark"
+        return f"{channel} += dark * 2^(({column} - highest) / doubling); {channel}_std^2 += shot * added"
+
+    def sentence(self, variant: Variant, values: Values, view: View) -> str:
+        """Counts at the hottest, doubling."""
+        channel, column = str(variant.options["channel"]), str(variant.options["temperature"])
+        if not column:
+            return f"A dark signal adds {values['dark']:.3g} {unit_of(channel)} everywhere."
+        return (
+            f"A dark signal adds {values['dark']:.3g} {unit_of(channel)} at {view.span(column)[1]:.0f} °C of "
+            f"{column}, "
+            f"doubling every {values['doubling']:.1f} K."
+        )
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What tells it from glare."""
+        return "Cover the window and repeat the hottest step: a dark signal stays, glare and gain errors vanish."

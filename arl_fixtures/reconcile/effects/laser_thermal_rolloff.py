@@ -1,0 +1,173 @@
+"""Optical power falls as the laser gets warmer, by heat sink or by its own heat."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from arl_fixtures.reconcile.effect import Parameter, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_common import (
+    FloatArray,
+    LightFactor,
+    amplitude,
+    excess,
+    light_channels,
+    per_table,
+    percent,
+    reference,
+    set_light,
+    shape,
+    signals,
+    temperature_drivers,
+)
+from arl_fixtures.reconcile.view import View
+
+
+class ThermalRolloff(LightFactor):
+    """Power over temperature, a knee where the cooler gives up, or the whole light-current curve.
+
+    * slope: I *= exp(−slope·(exp(growth·ΔT) − 1) / growth): linear for growth = 0, faster and faster above.
+    * knee: I *= exp(−slope·max(T − knee, 0)): the cooler holds the laser until the housing is too warm.
+    * curve (where a drive current varies): I(J) = exp(−loss·ΔT) · I_sim(J − threshold_shift·ΔT).
+    """
+
+    id = "laser.thermal_rolloff"
+    stage = Stage.LASER
+    source = "Coldren, Corzine, Mashanovitch, Diode Lasers and Photonic Integrated Circuits (2012), sec. 2.6: T0, T1"
+    confusable = ("detector.gain_temperature", "optics.filter_shift", "laser.power_decay")
+
+    def variants(self, view: View) -> Iterable[Variant]:
+        """By the laser's temperature first, then the housing's; the curve where a drive current varies."""
+        columns = temperature_drivers(view, "laser_temperature_c", "heatsink_temperature_c", "housing_temperature_c")
+        currents = [name for name in view.covariates("_a") if "tec" not in name]
+        for channel in signals(view):
+            for column in columns[:2]:
+                low, high = view.span(column)
+                span = high - low
+                slope = amplitude("slope", "1/K", 0.0, 4.0 / span, 0.05 / span)
+                growth = shape("growth", "1/K", 0.0, 8.0 / span, 0.0, 3.0 / span)
+                if currents and _swept(view, currents[0]):
+                    reach = float(np.subtract(*view.span(currents[0])[::-1]))
+                    shift = amplitude("threshold_shift", "A/K", 0.0, reach / span, 0.02 * reach / span)
+                    loss = amplitude("loss", "1/K", 0.0, 3.0 / span, 0.05 / span)
+                    origin = shape("reference", "°C", low, high, low, reference(view, column))
+                    kind = {"kind": "curve", "temperature": column, "current": currents[0]}
+                    yield self._variant(view, channel, kind, (shift, loss, origin), (column, currents[0]))
+                yield self._variant(
+                    view, channel, {"kind": "slope", "temperature": column}, (slope, growth), (column,)
+                )
+            for column in [name for name in columns if not name.startswith("laser_")][:1]:
+                low, high = view.span(column)
+                slope = amplitude("slope", "1/K", 0.0, 20.0 / (high - low), 0.2 / (high - low))
+                knee = shape("knee", "°C", low, high, low + 0.7 * (high - low))
+                yield self._variant(view, channel, {"kind": "knee", "temperature": column}, (slope, knee), (column,))
+
+    def _variant(
+        self,
+        view: View,
+        channel: str,
+        options: dict[str, str],
+        parameters: tuple[Parameter, ...],
+        drivers: tuple[str, ...],
+    ) -> Variant:
+        return Variant(
+            effect=self.id,
+            options={"channel": channel, **options},
+            parameters=parameters,
+            channels=light_channels(view, channel),
+            drivers=drivers,
+        )
+
+    def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
+        """Relative power at the row's temperature."""
+        column = str(variant.options["temperature"])
+        if variant.options["kind"] == "knee":
+            warm = np.nan_to_num(np.maximum(view.number(column) - float(values["knee"]), 0.0))
+            return np.exp(-np.minimum(float(values["slope"]) * warm, 20.0))
+        if variant.options["kind"] == "curve":
+            warm = np.nan_to_num(view.number(column) - float(values["reference"]))
+            return np.exp(np.clip(-float(values["loss"]) * warm, -20.0, 20.0))
+        growth = max(float(values["growth"]), 1e-9)
+        warmth = np.expm1(growth * excess(view, column)) / growth
+        return np.exp(np.clip(-float(values["slope"]) * warmth, -20.0, 20.0))
+
+    def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
+        """Shifts the light-current curve where there is one, then multiplies the light."""
+        channel = str(variant.options["channel"])
+        light = state[channel]
+        if variant.options["kind"] == "curve":
+            current, column = str(variant.options["current"]), str(variant.options["temperature"])
+            drive = view.number(current)
+            shift = values["threshold_shift"] * np.nan_to_num(view.number(column) - values["reference"])
+            knots, curve = _light_current(view, channel, current)
+            moved = np.interp(drive - shift, knots, curve) - np.interp(drive, knots, curve)
+            light = light + np.nan_to_num(moved)
+        set_light(view, state, channel, light * self.factor(variant, values, view))
+
+    def expression(self, variant: Variant) -> str:
+        """The law."""
+        channel, column = variant.options["channel"], variant.options["temperature"]
+        if variant.options["kind"] == "knee":
+            return f"{channel} *= exp(-slope * max({column} - knee, 0))"
+        if variant.options["kind"] == "curve":
+            current = variant.options["current"]
+            warm = f"({column} - reference)"
+            return f"{channel}({current}) = exp(-loss * {warm}) * sim_{channel}({current} - threshold_shift * {warm})"
+        return f"{channel} *= exp(-slope * (exp(growth * ({column} - reference)) - 1) / growth)"
+
+    def sentence(self, variant: Variant, values: Values, view: View) -> str:
+        """Loss over the table's temperatures."""
+        column = str(variant.options["temperature"])
+        low, high = view.span(column)
+        text = (
+            f"The laser gives less light as it gets warmer: {percent(*self.change(variant, values, view))} "
+            f"of the signal from {low:.0f} to {high:.0f} °C of {column}"
+        )
+        if variant.options["kind"] == "knee":
+            return f"{text}, all of it above {values['knee']:.1f} °C, where the cooler no longer holds it."
+        if variant.options["kind"] == "curve":
+            return (
+                f"{text} in slope; its threshold current rises by {values['threshold_shift'] * 1e3:.2f} mA per "
+                "kelvin."
+            )
+        return f"{text}."
+
+    def where(self, variant: Variant, values: Values, view: View) -> dict[str, list[str] | list[float]]:
+        """Above the knee."""
+        if variant.options["kind"] != "knee":
+            return {}
+        column = str(variant.options["temperature"])
+        return {column: [float(values["knee"]), view.span(column)[1]]}
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What tells it from the detector."""
+        return (
+            "Step the laser's cooler set-point at constant housing temperature, and log a monitor photodiode or the "
+            "pump "
+            "time: the laser's loss follows its own temperature, the detector's gain does not."
+        )
+
+
+def _swept(view: View, current: str) -> bool:
+    """Whether the current is driven through a range, rather than scattering about its set value."""
+    low, high = view.span(current)
+    return (high - low) > 0.3 * max(abs(high), abs(low))
+
+
+def _light_current(view: View, channel: str, current: str) -> tuple[FloatArray, FloatArray]:
+    """The simulation's signal as a function of the drive current, means over 2000 bins."""
+
+    def make() -> tuple[FloatArray, FloatArray]:
+        drive, light = view.columns.numbers[current], view.columns.numbers[f"sim_{channel}"]
+        good = np.isfinite(drive) & np.isfinite(light)
+        low, high = view.span(current)
+        bins = np.rint((drive[good] - low) / (high - low) * 2000.0).astype(np.int64)
+        count = np.bincount(bins, minlength=2001)
+        used = count > 0
+        return (
+            np.bincount(bins, drive[good], 2001)[used] / count[used],
+            np.bincount(bins, light[good], 2001)[used] / count[used],
+        )
+
+    return per_table(view, ("light-current", channel, current), make)

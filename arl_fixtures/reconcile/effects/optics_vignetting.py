@@ -1,0 +1,97 @@
+"""Fall-off with the field angle, in both directions of light."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from arl_fixtures.reconcile.effect import Parameter, Stage, Values, Variant
+from arl_fixtures.reconcile.effects_common import (
+    FloatArray,
+    LightFactor,
+    amplitude,
+    light_channels,
+    per_view,
+    shape,
+    signals,
+)
+from arl_fixtures.reconcile.effects_scene import azimuth, elevation, has_rays
+from arl_fixtures.reconcile.view import View
+
+
+class Vignetting(LightFactor):
+    """I *= cos(θ)^exponent (natural), or the overlap of two round apertures that part with tan θ (mechanical)."""
+
+    id = "optics.vignetting"
+    stage = Stage.OPTICS
+    source = "Aggarwal, Hua, Ahuja, ICCV 2001: on cosine-fourth and vignetting effects in real lenses"
+    confusable = ("beam.profile_change", "optics.filter_shift", "target.non_lambertian")
+
+    def variants(self, view: View) -> Iterable[Variant]:
+        """Natural and mechanical, one pair per intensity channel."""
+        if not has_rays(view):
+            return
+        for channel in signals(view):
+            yield self._variant(view, channel, "natural", (amplitude("exponent", "1", -4.0, 16.0, 1.0),))
+            yield self._variant(
+                view,
+                channel,
+                "mechanical",
+                (amplitude("parting", "1", 0.0, 2.0, 0.3), shape("oversize", "1", 0.0, 1.5, 0.3)),
+            )
+
+    def _variant(self, view: View, channel: str, kind: str, parameters: tuple[Parameter, ...]) -> Variant:
+        return Variant(
+            effect=self.id,
+            options={"channel": channel, "kind": kind},
+            parameters=parameters,
+            channels=light_channels(view, channel),
+            drivers=tuple(name for name in ("azimuth_deg", "elevation_deg") if view.varies(name)),
+        )
+
+    def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
+        """Relative illumination of the two ways together."""
+        cosine = per_view(
+            view,
+            "field cosine",
+            lambda: np.maximum(np.cos(np.radians(azimuth(view))) * np.cos(np.radians(elevation(view))), 0.02),
+        )
+        if variant.options["kind"] == "natural":
+            return np.asarray(cosine ** float(values["exponent"]))
+        distance = float(values["parting"]) * np.sqrt(1.0 / cosine**2 - 1.0)
+        return np.maximum(overlap(distance, 1.0 + float(values["oversize"])), 1e-3)
+
+    def expression(self, variant: Variant) -> str:
+        """The law."""
+        channel = variant.options["channel"]
+        if variant.options["kind"] == "natural":
+            return f"{channel} *= (cos(azimuth_deg) * cos(elevation_deg))^exponent"
+        return (
+            f"{channel} *= overlap of apertures of radius 1 and 1 + oversize at distance parting * tan(field angle)"
+        )
+
+    def sentence(self, variant: Variant, values: Values, view: View) -> str:
+        """Loss at the edge of the field."""
+        low, _ = self.change(variant, values, view)
+        return f"The optics pass less light away from the axis: {low:+.1f} % at the edge of the field of view."
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What tells receiver and beam apart."""
+        return (
+            "Image a uniformly lit diffuse panel with the laser off (or a flat-field lamp): vignetting of the "
+            "receiver "
+            "stays, a change of the beam does not."
+        )
+
+
+def overlap(distance: FloatArray, radius: float) -> FloatArray:
+    """Share of a unit disc that lies within a disc of `radius` ≥ 1 whose centre is `distance` away."""
+    d = np.clip(distance, radius - 1.0 + 1e-9, radius + 1.0 - 1e-9)
+    one = np.arccos(np.clip((d**2 + 1.0 - radius**2) / (2.0 * d), -1.0, 1.0))
+    two = np.arccos(np.clip((d**2 + radius**2 - 1.0) / (2.0 * d * radius), -1.0, 1.0))
+    kite = 0.5 * np.sqrt(
+        np.maximum((-d + 1.0 + radius) * (d + 1.0 - radius) * (d - 1.0 + radius) * (d + 1.0 + radius), 0.0)
+    )
+    area = one + radius**2 * two - kite
+    return np.where(distance <= radius - 1.0, 1.0, np.where(distance >= radius + 1.0, 0.0, area / np.pi))

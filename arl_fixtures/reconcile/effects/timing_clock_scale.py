@@ -1,0 +1,55 @@
+"""Distances are stretched by a constant factor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_common import amplitude, distances, in_mm
+from arl_fixtures.reconcile.view import View
+
+
+class ClockScale(Effect):
+    """D *= 1 + scale: the clock that times the echoes is off its nominal frequency."""
+
+    id = "timing.clock_scale"
+    stage = Stage.TIMING
+    source = (
+        "D = c·n_ticks / (2·f_clock); quartz oscillators: 10 to 100 ppm, free-running ring oscillators up to percents"
+    )
+    confusable = ("timing.temperature_offset", "stage.eccentricity", "timing.range_walk")
+
+    def variants(self, view: View) -> Iterable[Variant]:
+        """One per distance channel that varies."""
+        for distance in distances(view):
+            if view.varies(f"sim_{distance}"):
+                yield Variant(
+                    effect=self.id,
+                    options={"channel": distance},
+                    parameters=(amplitude("scale", "1", -0.3, 0.3, 1e-3),),
+                    channels=(distance,),
+                    drivers=(f"sim_{distance}",),
+                )
+
+    def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
+        """Stretches the distance."""
+        distance = str(variant.options["channel"])
+        state[distance] = state[distance] * (1.0 + values["scale"])
+
+    def expression(self, variant: Variant) -> str:
+        """The law."""
+        return f"{variant.options['channel']} *= 1 + scale"
+
+    def sentence(self, variant: Variant, values: Values, view: View) -> str:
+        """Scale in ppm and its effect at the largest distance."""
+        distance = str(variant.options["channel"])
+        low, high = view.span(f"sim_{distance}")
+        grown = in_mm(values["scale"] * (high - low), distance)
+        return (
+            f"All distances are stretched by {values['scale'] * 1e6:+.0f} ppm: {grown:+.2f} mm "
+            f"between the nearest and the farthest."
+        )
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What tells it from an offset."""
+        return "Measure a target at two distances as far apart as the room allows: a scale grows with the distance."

@@ -1,0 +1,85 @@
+"""A time-to-digital converter's error, periodic in distance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, distances, in_mm, per_table, shape
+from arl_fixtures.reconcile.roles import unit_of
+from arl_fixtures.reconcile.view import View
+
+_STARTS = 12
+
+
+class TdcNonlinearity(Effect):
+    """D += a·sin(2πD/period) + b·cos(2πD/period): the interpolator's cells are not equally long."""
+
+    id = "timing.tdc_nonlinearity"
+    stage = Stage.TIMING
+    source = (
+        "Fishburn et al., IEEE Trans. Nucl. Sci. 60 (2013) 2203: FPGA TDC, 10 ps cells, integral nonlinearity 3.9 "
+        "cells"
+    )
+    confusable = ("stage.periodic_error", "timing.clock_scale", "stage.eccentricity")
+
+    def variants(self, view: View) -> Iterable[Variant]:
+        """One per distance channel; periods from where the table's distances resolve them to twice their range."""
+        for distance in distances(view):
+            spread, reach = _spread(view, distance)
+            if not spread > 0.0:
+                continue
+            size = 1e3 if unit_of(distance) == "mm" else 1.0
+            longest = min(2.0 * spread, 4.0 * size)
+            shortest = max(spread / 10.0, 0.01 * size)
+            if longest <= 1.05 * shortest:
+                continue
+            starts = 1.0 / np.linspace(1.0 / longest, 1.0 / shortest, _STARTS)
+            yield Variant(
+                effect=self.id,
+                options={"channel": distance},
+                parameters=(
+                    amplitude("sine", unit_of(distance), -0.1 * reach, 0.1 * reach, 0.002 * size),
+                    amplitude("cosine", unit_of(distance), -0.1 * reach, 0.1 * reach, 0.002 * size),
+                    shape("period", unit_of(distance), 0.5 * shortest, 1.5 * longest, *starts),
+                ),
+                channels=(distance,),
+                drivers=(f"sim_{distance}",),
+            )
+
+    def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
+        """Adds the error at the distance that came so far."""
+        distance = str(variant.options["channel"])
+        phase = 2.0 * np.pi / values["period"] * state[distance]
+        state[distance] = state[distance] + values["sine"] * np.sin(phase) + values["cosine"] * np.cos(phase)
+
+    def expression(self, variant: Variant) -> str:
+        """The law."""
+        distance = variant.options["channel"]
+        return f"{distance} += sine * sin(2 pi {distance} / period) + cosine * cos(2 pi {distance} / period)"
+
+    def sentence(self, variant: Variant, values: Values, view: View) -> str:
+        """Amplitude and period."""
+        distance = str(variant.options["channel"])
+        size = in_mm(float(np.hypot(values["sine"], values["cosine"])), distance)
+        return f"The distance swings by ±{size:.2f} mm with a period of {in_mm(values['period'], distance):.1f} mm."
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What shows the period."""
+        return (
+            "Move a flat target through two periods in steps of a tenth of one, at constant temperature and signal."
+        )
+
+
+def _spread(view: View, distance: str) -> tuple[float, float]:
+    """Range of the middle 99 % of the simulated distances, and the largest of them."""
+
+    def measure() -> FloatArray:
+        values = view.columns.numbers[f"sim_{distance}"]
+        finite = values[np.isfinite(values)]
+        return np.quantile(finite, [0.005, 0.995]) if finite.size else np.zeros(2)
+
+    low, high = per_table(view, ("spread", distance), measure)
+    return float(high - low), float(abs(high))

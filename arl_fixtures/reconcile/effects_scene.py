@@ -1,0 +1,325 @@
+"""What the simulation says a ray sees when it points elsewhere: illumination and scene, taken apart.
+
+A pixel's signal is illumination(azimuth, elevation) times scene(bearing, row). The illumination is fitted as a smooth
+exp(polynomial); the scene is what remains, as a curve over bearing (azimuth + stage angle) for each image row. Pixels
+see the same bearing at many stage angles, each at another phase of the pixel grid: together they sample the scene
+much finer than one sweep. Signals are divided by cos³(elevation) and distances multiplied by cos(elevation), which
+leaves curves that depend on bearing alone for vertical surfaces. No re-rendering, no simulator needed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, set_light, signals
+from arl_fixtures.reconcile.view import View
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_SAMPLE = 30_000
+_DEGREE = 4
+_FINEST_DEG = 0.05
+_GOOD_REST = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Illumination:
+    """ln of the simulated beam and receiver profile as a polynomial of scaled azimuth and elevation."""
+
+    terms: tuple[tuple[int, int], ...]
+    coefficients: FloatArray
+    reach_az: float
+    reach_el: float
+
+    def log(self, azimuth: FloatArray, elevation: FloatArray) -> FloatArray:
+        """ln of the profile, held beyond 1.1 times the field of view."""
+        x = np.clip(azimuth / self.reach_az, -1.1, 1.1)
+        y = np.clip(elevation / self.reach_el, -1.1, 1.1)
+        grid = np.zeros((_DEGREE + 1, _DEGREE + 1))
+        for (i, j), coefficient in zip(self.terms, self.coefficients, strict=True):
+            grid[j, i] = coefficient
+        total = np.zeros(np.broadcast(x, y).shape)
+        for row in grid[::-1]:  # Horner in y of Horner in x
+            part = np.full(x.shape, row[-1])
+            for coefficient in row[-2::-1]:
+                part *= x
+                part += coefficient
+            total *= y
+            total += part
+        return total
+
+
+def has_rays(view: View) -> bool:
+    """Whether the table says where its pixels look."""
+    return view.varies("azimuth_deg") or view.varies("elevation_deg")
+
+
+def _ray(view: View, name: str) -> FloatArray:
+    numbers = view.columns.numbers
+    return np.nan_to_num(numbers[name]) if name in numbers else np.zeros(view.columns.n)
+
+
+def azimuth(view: View) -> FloatArray:
+    """Azimuth of every row under work, zeros where the table has none; degrees."""
+    return per_view(view, "azimuth", lambda: _ray(view, "azimuth_deg")[view.rows])
+
+
+def elevation(view: View) -> FloatArray:
+    """Elevation of every row under work, zeros where the table has none; degrees."""
+    return per_view(view, "elevation", lambda: _ray(view, "elevation_deg")[view.rows])
+
+
+def _pure(view: View) -> NDArray[np.bool_]:
+    table = view.columns
+    if "mixed" not in table.categories:
+        return np.ones(table.n, dtype=bool)
+    codes, labels = table.categories["mixed"]
+    return np.asarray(codes != (labels.index("true") if "true" in labels else -2))
+
+
+def _sceneries(view: View, rows: IntArray) -> list[tuple[FloatArray, list[FloatArray]]]:
+    """Ways to account for the scene in ln(signal): what is known, and regressors with free coefficients."""
+    table = view.columns
+    laws: list[FloatArray] = []
+    known = np.zeros(rows.size)
+    for name, exponent in (("reflectance", 1.0), ("true_range_m", -2.0), ("incidence_deg", 1.0)):
+        if name not in table.numbers:
+            continue
+        values = table.numbers[name][rows]
+        values = np.cos(np.radians(values)) if name == "incidence_deg" else values
+        law = np.nan_to_num(np.log(np.maximum(values, 1e-3)))
+        laws.append(law)
+        known = known + exponent * law
+    free = list(laws)
+    if "surface" in table.categories:
+        codes, labels = table.categories["surface"]
+        free += [(codes[rows] == index).astype(float) for index in range(min(len(labels), 40))]
+    return [(known, []), (np.zeros(rows.size), free)] if len(laws) == 3 else [(np.zeros(rows.size), free)]
+
+
+def illumination(view: View, channel: str) -> Illumination | None:
+    """Smooth profile of a simulated signal over the field of view; None without rays.
+
+    First with the textbook law for the scene (reflectance · cos(incidence) / range²); where that does not fit, with
+    free exponents and a level for every surface, so that another simulator is taken apart as well.
+    """
+
+    def make() -> Illumination | None:
+        if not has_rays(view):
+            return None
+        table = view.columns
+        signal = table.numbers[f"sim_{channel}"]
+        usable = np.isfinite(signal) & _pure(view)
+        if not usable.any():
+            return None
+        usable &= signal > 0.02 * np.quantile(signal[usable], 0.99)
+        rows = np.flatnonzero(usable)
+        rows = rows[:: max(1, rows.size // _SAMPLE)]
+        if rows.size < 30:
+            return None
+        az, el = _ray(view, "azimuth_deg"), _ray(view, "elevation_deg")
+        reach_az, reach_el = max(float(np.abs(az).max()), 1e-6), max(float(np.abs(el).max()), 1e-6)
+        terms = tuple((i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i) if i + j > 0)
+        x, y = az[rows] / reach_az, el[rows] / reach_el
+        basis = [np.ones(rows.size), *(x**i * y**j for i, j in terms)]
+        target = np.log(signal[rows])
+        for known, scenery in _sceneries(view, rows):
+            matrix = np.column_stack([*basis, *scenery])
+            solution = np.asarray(np.linalg.lstsq(matrix, target - known, rcond=1e-9)[0], dtype=np.float64)
+            rest = float(np.std(target - known - matrix @ solution))
+            if rest < _GOOD_REST:
+                break
+        return Illumination(terms, solution[1 : len(terms) + 1], reach_az, reach_el)
+
+    return per_table(view, ("illumination", channel), make)
+
+
+@dataclass(frozen=True, slots=True)
+class _Curves:
+    """Knots of every row's curve on one axis: `key = row · stride + bearing`."""
+
+    key: FloatArray
+    values: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """The simulated scene as curves over bearing.
+
+    Attributes:
+        bearing: of every row of the whole table, degrees.
+        line: curve that a row lies on (an image row of one DUT).
+        above, below: curve of the image row with the next higher and next lower elevation, −1 where there is none.
+        pitch_deg: elevation between image rows.
+        sign: +1 where bearing = azimuth + stage angle, −1 where it is azimuth − stage angle.
+    """
+
+    bearing: FloatArray
+    line: IntArray
+    above: IntArray
+    below: IntArray
+    pitch_deg: float
+    stride: float
+    sign: float
+    curves: dict[str, _Curves]
+
+
+def log_profile(view: View, channel: str) -> FloatArray:
+    """ln of the fitted illumination along every row's own ray, zeros without rays."""
+
+    def make() -> FloatArray:
+        profile = illumination(view, channel)
+        return np.zeros(view.n) if profile is None else profile.log(azimuth(view), elevation(view))
+
+    return per_view(view, ("log profile", channel), make)
+
+
+def scene(view: View) -> Scene | None:
+    """Scene of the table; None where nothing scans it (neither azimuth nor stage angle vary)."""
+    return per_table(view, "scene", lambda: _make_scene(view))
+
+
+def _make_scene(view: View) -> Scene | None:
+    table = view.columns
+    moving, rays = view.varies("stage_angle_deg"), view.varies("azimuth_deg")
+    if not (moving or rays):
+        return None
+    az, el = _ray(view, "azimuth_deg"), _ray(view, "elevation_deg")
+    stage = np.nan_to_num(table.numbers["stage_angle_deg"]) if moving else np.zeros(table.n)
+    line = table.group("dut", "pixel_v") if rays else table.group("dut", "pixel_u", "pixel_v")
+    flat = {name: _flattened(view, name, el) for name in (*signals(view), *distances(view))}
+    sign = 1.0
+    if moving and rays and flat:
+        test = next(iter(flat.values()))
+        if _roughness(line, az - stage, test) < 0.8 * _roughness(line, az + stage, test):
+            sign = -1.0
+    bearing = az + sign * stage
+    bearing = bearing - bearing.min()
+    stride = float(bearing.max()) * 2.0 + 100.0
+    lines = int(line.max()) + 1
+    height = np.bincount(line, el, lines) / np.maximum(np.bincount(line, minlength=lines), 1)
+    device = np.zeros(lines, dtype=np.int64)
+    device[line] = table.group("dut")
+    above, below, pitch = _stacked(height, device)
+    curves = {name: _knots(line, bearing, values, stride) for name, values in flat.items()}
+    return Scene(bearing, line, above, below, pitch, stride, sign, curves)
+
+
+def _flattened(view: View, name: str, el: FloatArray) -> FloatArray:
+    """A simulated channel without what the field of view does to it: a function of bearing for vertical surfaces."""
+    values = view.columns.numbers[f"sim_{name}"]
+    cos = np.cos(np.radians(el))
+    if name in distances(view):
+        return np.asarray(values * cos)
+    profile = illumination(view, name)
+    if profile is None:
+        return np.asarray(values / cos**3)
+    return np.asarray(values / (cos**3 * np.exp(profile.log(_ray(view, "azimuth_deg"), el))))
+
+
+def _roughness(line: IntArray, bearing: FloatArray, values: FloatArray) -> float:
+    """Median absolute step between neighbours on a curve: small where the bearing is the right one."""
+    good = np.flatnonzero(np.isfinite(values))
+    order = good[np.lexsort((bearing[good], line[good]))]
+    same = line[order][1:] == line[order][:-1]
+    steps = np.abs(np.diff(values[order]))[same]
+    return float(np.mean(steps)) if steps.size else 0.0
+
+
+def _stacked(height: FloatArray, device: IntArray) -> tuple[IntArray, IntArray, float]:
+    order = np.lexsort((height, device))
+    same = device[order][1:] == device[order][:-1]
+    above = np.full(height.size, -1, dtype=np.int64)
+    below = np.full(height.size, -1, dtype=np.int64)
+    above[order[:-1][same]] = order[1:][same]
+    below[order[1:][same]] = order[:-1][same]
+    gaps = np.diff(height[order])[same]
+    gaps = gaps[gaps > 1e-6]
+    return above, below, float(np.median(gaps)) if gaps.size else 0.0
+
+
+def _knots(line: IntArray, bearing: FloatArray, values: FloatArray, stride: float) -> _Curves:
+    good = np.flatnonzero(np.isfinite(values))
+    bins = np.round(bearing[good] / _FINEST_DEG).astype(np.int64)
+    width = int(bins.max()) + 1 if bins.size else 1
+    _, inverse, count = np.unique(line[good] * width + bins, return_inverse=True, return_counts=True)
+    key = line[good] * stride + bearing[good]
+    return _Curves(np.bincount(inverse, key) / count, np.bincount(inverse, values[good]) / count)
+
+
+def _look(found: Scene, name: str, line: IntArray, bearing: FloatArray) -> FloatArray:
+    """Curve value; beyond a curve's ends its last value (keys of other lines are far away, so bounds are by line)."""
+    curve = found.curves[name]
+    if curve.key.size == 0:
+        return np.zeros(line.size)
+    first = np.searchsorted(curve.key, line * found.stride - 0.25 * found.stride)
+    last = np.searchsorted(curve.key, line * found.stride + 0.75 * found.stride) - 1
+    empty = last < first
+    low = curve.key[np.minimum(first, curve.key.size - 1)]
+    high = curve.key[np.maximum(last, 0)]
+    wanted = np.clip(line * found.stride + bearing, np.minimum(low, high), high)
+    value = np.interp(wanted, curve.key, curve.values)
+    return np.where(empty, np.nan, value)
+
+
+def _at(found: Scene, name: str, view: View, turn: FloatArray | float, lift: FloatArray | float) -> FloatArray:
+    """Flattened channel at the rows' bearing + turn and elevation + lift (degrees)."""
+    line = found.line[view.rows]
+    bearing = found.bearing[view.rows] + turn
+    own = _look(found, name, line, bearing)
+    if found.pitch_deg == 0.0 or not np.any(lift):
+        return own
+    rows = np.broadcast_to(np.asarray(lift) / found.pitch_deg, own.shape)
+    other = np.where(rows > 0.0, found.above[line], found.below[line])
+    beyond = _look(found, name, np.where(other < 0, line, other), bearing)
+    mixed = own + np.minimum(np.abs(rows), 2.0) * (beyond - own)
+    return np.where(np.isfinite(mixed), mixed, own)
+
+
+def _here(found: Scene, name: str, view: View) -> FloatArray:
+    return per_view(view, ("scene here", name), lambda: _at(found, name, view, 0.0, 0.0))
+
+
+def point_elsewhere(
+    view: View,
+    state: State,
+    *,
+    turn: FloatArray | float = 0.0,
+    lift: FloatArray | float = 0.0,
+    beam_turns: bool = True,
+) -> None:
+    """Let every row see what lies `turn` degrees further in bearing and `lift` degrees higher.
+
+    Args:
+        view: rows under work.
+        state: its signals and distances are replaced.
+        turn, lift: change of the ray's direction, degrees; positive along azimuth and elevation.
+        beam_turns: whether the illumination goes with the ray (a turned sensor) or stays (a changed lens).
+    """
+    found = scene(view)
+    if found is None:
+        return
+    el = elevation(view)
+    changed = np.cos(np.radians(el + lift)) / np.cos(np.radians(el))
+    for name in found.curves:
+        if name not in state:
+            continue
+        here = _here(found, name, view)
+        there = _at(found, name, view, turn, lift)
+        if name in distances(view):
+            moved = (there / changed - here) / np.cos(np.radians(el))
+            state[name] = state[name] + np.where(np.isfinite(moved), moved, 0.0)
+            continue
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = there / here * changed**3
+        if not beam_turns:
+            profile = illumination(view, name)
+            if profile is not None:
+                az = azimuth(view)
+                ratio = ratio * np.exp(profile.log(az + turn, el + lift) - log_profile(view, name))
+        set_light(view, state, name, state[name] * np.clip(np.where(np.isfinite(ratio), ratio, 1.0), 0.01, 100.0))
