@@ -21,7 +21,7 @@ from arl_fixtures.bench.config import load_bench
 from arl_fixtures.devices.interfaces import ChillerStatus, Identity, Reading
 from arl_fixtures.errors import DeviceError
 from arl_fixtures.metrics.block import AngleBlock
-from arl_fixtures.twin.renderer import Renderer
+from arl_fixtures.twin.frame import Renderer
 
 
 class Mock:

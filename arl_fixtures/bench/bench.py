@@ -10,6 +10,7 @@ from typing import Final, Protocol, final
 from arl_fixtures.bench.clock import AnyClock
 from arl_fixtures.bench.config import BenchConfig
 from arl_fixtures.bench.control import CascadedControl
+from arl_fixtures.bench.profile import CycleStep
 from arl_fixtures.bench.settle import SettleReport, SettleWatch
 from arl_fixtures.devices.interfaces import Chiller, Reading, Relays, Stage, Thermometer
 from arl_fixtures.errors import DeviceError, InterlockError
@@ -69,7 +70,7 @@ class Bench:
         config: the bench file.
         clock: bench clock.
         chiller, thermometer, stage, relays, duts: the opened devices.
-        on_close: what else must be released.
+        on_step: told of each temperature step before it begins.
     """
 
     def __init__(
@@ -82,13 +83,13 @@ class Bench:
         stage: Stage,
         relays: Relays,
         duts: Duts,
-        on_close: Callable[[], None] = lambda: None,
+        on_step: Callable[[CycleStep], None] = lambda _step: None,
     ) -> None:
         self.config, self.clock = config, clock
         self.chiller, self.thermometer, self.stage, self.relays, self.duts = chiller, thermometer, stage, relays, duts
         self.observers: list[Callable[[BenchReading], None]] = []
         self.set_temperature_c: float | None = None
-        self._on_close = on_close
+        self.enter_step = on_step
         self._control: CascadedControl | None = None
         self._next_turn_s = clock.now_s
         self._closed = False
@@ -213,7 +214,6 @@ class Bench:
         for device in (self.duts, self.relays, self.stage, self.thermometer, self.chiller):
             with contextlib.suppress(DeviceError):
                 device.close()
-        self._on_close()
         return faults
 
 

@@ -172,7 +172,7 @@ def load_bench(name_or_path: str) -> BenchConfig:
     for kind, entry in config.devices().items():
         try:
             driver = find_driver(entry.driver, kind)
-            emulation = find_emulation(entry.driver, kind) if entry.emulated and kind != "duts" else None
+            emulation = find_emulation(entry.driver, kind) if entry.emulated else None
         except ConfigError as error:
             raise ConfigError(f"{kind}.driver: {error}", path=path) from None
         config._device_settings[kind] = validate_tree(path, entry.settings or {}, driver.settings)

@@ -7,7 +7,7 @@ A driver is announced in the group `arl.drivers` as a `Driver`, an emulator in `
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
@@ -31,12 +31,14 @@ class Driver:
         settings: model of the `settings` block in the bench file.
         make: (port, clock, settings) to a device; for kind `duts` the port is a `dict` of datagram ports.
         default_baud: serial speed where the URL names none.
+        udp_ports: for kind `duts`, (settings) to the UDP ports to listen on, by the names `make` knows them by.
     """
 
     kind: Kind
     settings: type[FileModel]
     make: Callable[[Any, Any, Any], Any]
     default_baud: int = 9600
+    udp_ports: Callable[[Any], Mapping[str, int]] = lambda _settings: {}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -140,11 +140,20 @@ def load_profile(name_or_path: str) -> Profile:
     Raises:
         ConfigError: no such profile, or it is wrong.
     """
+    return load_model(profile_path(name_or_path), Profile)
+
+
+def profile_path(name_or_path: str) -> Path:
+    """The file that a profile name stands for.
+
+    Raises:
+        ConfigError: no such profile.
+    """
     path = Path(name_or_path)
-    if path.suffix not in {".yaml", ".yml"}:
-        built_in = BUILT_IN / f"{name_or_path}.yaml"
-        if not built_in.is_file():
-            known = ", ".join(sorted(p.stem for p in BUILT_IN.glob("*.yaml")))
-            raise ConfigError(f"no profile '{name_or_path}'; known are {known}, or give a .yaml file")
-        path = built_in
-    return load_model(path, Profile)
+    if path.suffix in {".yaml", ".yml"}:
+        return path
+    built_in = BUILT_IN / f"{name_or_path}.yaml"
+    if not built_in.is_file():
+        known = ", ".join(sorted(p.stem for p in BUILT_IN.glob("*.yaml")))
+        raise ConfigError(f"no profile '{name_or_path}'; known are {known}, or give a .yaml file")
+    return built_in
