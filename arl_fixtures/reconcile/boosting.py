@@ -16,10 +16,14 @@ from numpy.typing import NDArray
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 
 BINS = 32
+PATIENCE = 10
+"""Trees without a gain on the watched rows after which fitting stops."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Tree:
+class Tree:
+    """One symmetric tree: the column and bin of each depth, the value of each leaf."""
+
     features: tuple[int, ...]
     thresholds: tuple[int, ...]
     values: FloatArray
@@ -68,7 +72,7 @@ class Boosted:
 
     def __init__(self, *, depth: int = 3, rate: float = 0.2, ridge: float = 20.0) -> None:
         self.depth, self.rate, self.ridge = depth, rate, ridge
-        self.trees: list[_Tree] = []
+        self.trees: list[Tree] = []
         self.importance: FloatArray = np.zeros(0)
 
     def fit(
@@ -81,6 +85,7 @@ class Boosted:
             the watched rows' error after 0, 1, 2 … trees (empty without `watch`).
         """
         residual = target.copy()
+        wide = codes.astype(np.intp)  # once, not at every histogram
         self.importance = np.zeros(len(codes))
         prior = self.ridge * float(weight.mean()) if len(weight) else 1.0
         errors: list[float] = []
@@ -88,7 +93,7 @@ class Boosted:
         if watch is not None:
             errors.append(float(np.sum(watch[2] * seen**2)))
         for _ in range(trees):
-            tree, leaf, gain = self._grow(codes, residual, weight, prior)
+            tree, leaf, gain = self._grow(wide, residual, weight, prior)
             if tree is None:
                 break
             self.trees.append(tree)
@@ -98,6 +103,8 @@ class Boosted:
             if watch is not None:
                 seen -= self.rate * tree.values[_leaf(tree, watch[0])]
                 errors.append(float(np.sum(watch[2] * seen**2)))
+                if len(errors) > PATIENCE and min(errors[-PATIENCE:]) > min(errors[:-PATIENCE]):
+                    break
         return errors
 
     def predict(self, codes: NDArray[np.uint8], trees: int | None = None) -> FloatArray:
@@ -108,8 +115,8 @@ class Boosted:
         return total
 
     def _grow(
-        self, codes: NDArray[np.uint8], residual: FloatArray, weight: FloatArray, prior: float
-    ) -> tuple[_Tree | None, IntArray, float]:
+        self, codes: NDArray[np.intp], residual: FloatArray, weight: FloatArray, prior: float
+    ) -> tuple[Tree | None, IntArray, float]:
         push = weight * residual
         node: IntArray = np.zeros(len(residual), dtype=np.int64)
         features: list[int] = []
@@ -136,10 +143,10 @@ class Boosted:
         p = np.bincount(node, push, minlength=leaves)
         w = np.bincount(node, weight, minlength=leaves)
         values = p / (w + prior)
-        return _Tree(tuple(features), tuple(thresholds), values), node, float(np.sum(p**2 / (w + prior)))
+        return Tree(tuple(features), tuple(thresholds), values), node, float(np.sum(p**2 / (w + prior)))
 
 
-def _leaf(tree: _Tree, codes: NDArray[np.uint8]) -> IntArray:
+def _leaf(tree: Tree, codes: NDArray[np.uint8]) -> IntArray:
     node: IntArray = np.zeros(codes.shape[1], dtype=np.int64)
     for feature, threshold in zip(tree.features, tree.thresholds, strict=True):
         node = node * 2 + (codes[feature] > threshold)

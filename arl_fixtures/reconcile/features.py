@@ -14,7 +14,7 @@ NEIGHBOURS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 def features_of(view: View) -> dict[str, FloatArray]:
     """Every column on which a mismatch may depend, on the rows of the view.
 
-    Derived ones carry a `~`: `~edge(X)` (mean of the neighbouring pixels over own), `~sweep(X)` (next stage angle over
+    Derived ones carry a `~`: `~edge(X)` (mean of the neighbouring pixels over own), `~sweep(X)` (next angle over
     own), `~before(X)` (frame taken before over own), `~frame(X)` (mean of the image over own), `~parity(pixel_u)`.
     """
     found: dict[str, FloatArray] = {name: view.number(name) for name in view.covariates() if name != "n_frames"}

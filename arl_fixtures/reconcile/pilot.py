@@ -43,7 +43,8 @@ class Looker:
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
-        self.binned: Binned = bin_columns(features_of(problem.view))
+        self.features = features_of(problem.view)
+        self.binned: Binned = bin_columns(self.features)
 
     def rows_of(self, data: ChannelData) -> IntArray:
         """Rows of a channel that are looked at: at most `MOST_ROWS`, evenly spread."""
@@ -53,14 +54,7 @@ class Looker:
     def look(self, data: ChannelData, state: State, *, trees: int = 60) -> Structure:
         """Cross-fit the residual of a channel."""
         rows = self.rows_of(data)
-        residual = data.residual(state)
-        if data.calibrated:
-            constants = data.constants_of(data.whitener(residual))
-            residual = residual - data.scale * constants[data.unit]
-        target = residual[rows] / data.scale[rows]
-        weight = (data.root_weight[rows] * data.scale[rows]) ** 2
-        limit = 30.0 / np.sqrt(np.maximum(weight, 1e-300))
-        target = np.clip(target, -limit - 10 * _spread(target), limit + 10 * _spread(target))
+        target, weight = self.target_of(data, state, rows)
         codes = self.binned.codes[:, data.use[rows]]
         found = ceiling(
             Binned(self.binned.names, codes, self.binned.edges), target, weight, data.fold[rows], trees=trees
@@ -81,17 +75,34 @@ class Looker:
         for _ in range(2):
             found = self.look(data, state, trees=40)
             rows = self.rows_of(data)
-            residual = data.residual(state)
-            if data.calibrated:
-                residual = residual - data.scale * data.constants_of(data.whitener(residual))[data.unit]
+            residual = self._centred(data, data.residual(state))
             left = residual[rows] / data.scale[rows] - found.ceiling.prediction
             self._set_noise(data, rows, left)
-            _, tau = data.fit_scatter(residual)
+            _, tau = data.fit_scatter(data.residual(state))
             data.rebuild(tau)
             if data.spread < 1.5 and data.trust.min() == 1.0:
                 break
         assert found is not None
         return found
+
+    def target_of(self, data: ChannelData, state: State, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Residual in units of the scale, without constants and with wild values cut, and its weight."""
+        target = self._centred(data, data.residual(state))[rows] / data.scale[rows]
+        weight = (data.root_weight[rows] * data.scale[rows]) ** 2
+        limit = 30.0 / np.sqrt(np.maximum(weight, 1e-300)) + 10.0 * _spread(target)
+        return np.clip(target, -limit, limit), weight
+
+    def _centred(self, data: ChannelData, residual: FloatArray) -> FloatArray:
+        """Without the units' constants; where steps are too few to be held out, also without the steps' means."""
+        if data.calibrated:
+            residual = residual - data.scale * data.constants_of(data.whitener(residual))[data.unit]
+        if self.problem.groups.block is not self.problem.groups.step:
+            code = self.problem.groups.step[self.problem.view.rows[data.use]]
+            weight = data.root_weight**2
+            top = np.bincount(code, weight * data.scale * residual)
+            bottom = np.bincount(code, weight * data.scale**2)
+            residual = residual - data.scale * (top / np.maximum(bottom, 1e-300))[code]
+        return residual
 
     def _set_noise(self, data: ChannelData, rows: IntArray, left: FloatArray) -> None:
         """Spread and trust from the residual (in units of the scale) on some rows."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.special import gammaln
 
 from arl_fixtures.reconcile.columns import Channel, Columns, FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
@@ -35,6 +36,7 @@ class ChannelData:
         fold: hold-out fold of each row.
         whitener: of the present scatters.
         stated_known: whether the simulation states its noise.
+        expect: expected measurement over the true value, 1 except for scatters of few frames.
     """
 
     channel: Channel
@@ -48,6 +50,7 @@ class ChannelData:
     fold: IntArray
     block: IntArray
     stated_known: bool
+    expect: FloatArray
     spread: float = 1.0
     trust: FloatArray = field(default_factory=lambda: np.zeros(0))
     tau: dict[str, float] = field(default_factory=dict)
@@ -92,7 +95,7 @@ class ChannelData:
 
     def residual(self, state: State) -> FloatArray:
         """Measured − corrected simulation."""
-        return self.measured - state[self.channel.name][self.use]
+        return self.measured - self.expect * state[self.channel.name][self.use]
 
     def fit_scatter(self, residual: FloatArray, *, lost: float = 0.0) -> tuple[float, dict[str, float]]:
         """Likelihood with the group scatters at their best.
@@ -163,11 +166,14 @@ class Problem:
         made = _level("step", groups.step[rows], step_scale, floor=floor)
         if made is not None:
             levels.append(made)
+        expect = np.ones(len(use))
+        if channel.role is Role.SCATTER:
+            expect = shortfall(np.maximum(np.nan_to_num(view.frames()[use], nan=1.0), 1.0))
         unit = np.unique(groups.unit[rows], return_inverse=True)[1].astype(np.int64)
         data = ChannelData(
             channel=channel, use=use, measured=measured[use], stated=stated, scale=scale, unit=unit,
             units=int(unit.max()) + 1, levels=tuple(levels), fold=self.fold[use], block=groups.block[rows],
-            stated_known=known,
+            stated_known=known, expect=expect,
         )  # fmt: skip
         if not known:
             residual = data.residual(view.sim) / scale
@@ -190,7 +196,7 @@ class Problem:
         parts = []
         for d in self.data:
             a, b = after[d.channel.name], before[d.channel.name]
-            parts.append(np.zeros(len(d.use)) if a is b else d.whiten((a - b)[d.use]))
+            parts.append(np.zeros(len(d.use)) if a is b else d.whiten(d.expect * (a - b)[d.use]))
         return np.concatenate(parts)
 
     def codes(self, code: IntArray) -> IntArray:
@@ -214,11 +220,11 @@ class Problem:
 def stated_error(view: View, channel: Channel) -> tuple[FloatArray, bool]:
     """Standard error of each row's mean by the simulation's own noise model, and whether it states one.
 
-    A scatter of n frames has the standard error sim_X_std / sqrt(2 (n − 1)).
+    A standard deviation of n frames scatters by sim_X_std · sqrt(1 − c4(n)²).
     """
     frames = np.maximum(np.nan_to_num(view.frames(), nan=1.0), 1.0)
     if channel.role is Role.SCATTER:
-        error = np.abs(view.sim[channel.name]) / np.sqrt(2.0 * np.maximum(frames - 1.0, 0.5))
+        error = np.abs(view.sim[channel.name]) * np.sqrt(1.0 - shortfall(frames) ** 2)
         known = True
     else:
         name = f"sim_{channel.name}_std"
@@ -229,6 +235,12 @@ def stated_error(view: View, channel: Channel) -> tuple[FloatArray, bool]:
         return np.ones(view.n), False
     low = 1e-3 * float(np.median(positive))
     return np.where(np.isfinite(error) & (error > low), error, np.median(positive)), known
+
+
+def shortfall(frames: FloatArray) -> FloatArray:
+    """Mean standard deviation of n Gaussian frames over the true one: c4 = √(2/(n−1)) Γ(n/2) / Γ((n−1)/2)."""
+    n = np.maximum(frames, 2.0)
+    return np.asarray(np.sqrt(2.0 / (n - 1.0)) * np.exp(gammaln(n / 2.0) - gammaln((n - 1.0) / 2.0)))
 
 
 def _level(name: str, code: IntArray, scale: FloatArray, *, floor: float = 0.0) -> Level | None:

@@ -1,0 +1,237 @@
+"""What no tangent can score: free patterns over pixels, and scatter that rows of a group share by chance.
+
+A pattern (one value per pixel) is accepted when the values fitted on half of the blocks predict the other half; a
+pattern that only mirrors the mean of a found effect is the calibration's answer to that effect, not a finding. Shared
+scatter is a finding only beyond what the table declares (`sim_X_repeat_std`); undeclared it is allowed for, unless it
+exceeds the scatter of a single frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.effect import Effect, Kind, Parameter, State, Variant
+from arl_fixtures.reconcile.noise import Whitener, fit_tau
+from arl_fixtures.reconcile.problem import ChannelData, Problem
+from arl_fixtures.reconcile.terms import Term, default_values, field_keys, forward
+
+PATTERN_GAIN = 12.0
+SPARSE_Z = 6.0
+SCATTER_GAIN = 9.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pattern:
+    """A fitted pattern.
+
+    Attributes:
+        term: with its levels' values.
+        gain: log-likelihood over no pattern.
+        z: significance of predicting one half of the blocks from the other.
+        size: standard deviation (dense) or number of levels (sparse).
+    """
+
+    term: Term
+    gain: float
+    z: float
+    size: float
+
+
+def find_patterns(problem: Problem, effects: Sequence[Effect], terms: Sequence[Term]) -> list[Pattern]:
+    """Patterns beside the given terms, the best first."""
+    found = []
+    base = forward(terms, problem.view)
+    for effect in effects:
+        for variant in effect.variants(problem.view):
+            fields = [p for p in variant.parameters if p.per]
+            if len(fields) == 1:
+                pattern = _fit_pattern(problem, effect, variant, fields[0], terms, base)
+                if pattern is not None and pattern.gain > PATTERN_GAIN and pattern.z > 4.0:
+                    found.append(pattern)
+    return sorted(found, key=lambda p: -p.gain)
+
+
+def _fit_pattern(
+    problem: Problem, effect: Effect, variant: Variant, parameter: Parameter, terms: Sequence[Term], base: State
+) -> Pattern | None:
+    view = problem.view
+    code, keys = field_keys(parameter.per, view)
+    if len(keys) < 8 or view.n < 2 * len(keys):
+        return None
+    null = parameter.null if parameter.null is not None else 0.0
+    step = 0.1 * parameter.typical
+    uniform = {key: null + step for key in keys}
+    term = Term(effect=effect, variant=variant, values=default_values(variant), fields={parameter.name: uniform})
+    moved = forward([*terms, term], view)
+    names = [d for d in problem.data if moved[d.channel.name] is not base[d.channel.name]]
+    gram, score = np.zeros((2, len(keys))), np.zeros((2, len(keys)))
+    for d in names:
+        if d.channel.role.value == "scatter":
+            continue
+        tangent = d.expect * (moved[d.channel.name] - base[d.channel.name])[d.use] / step
+        residual = d.residual(base)
+        residual = residual - _shared(d, residual)
+        weight = d.root_weight**2
+        half = np.unique(d.block, return_inverse=True)[1] % 2
+        for k in (0, 1):
+            part = half == k
+            gram[k] += np.bincount(code[d.use][part], (weight * tangent**2)[part], minlength=len(keys))
+            score[k] += np.bincount(code[d.use][part], (weight * tangent * residual)[part], minlength=len(keys))
+    total, pull = gram.sum(axis=0), score.sum(axis=0)
+    good = total > 1e-9
+    if good.sum() < 8:
+        return None
+    sparse = parameter.low >= null or parameter.high <= null
+    values = np.zeros(len(keys))
+    if sparse:
+        z = pull / np.sqrt(np.maximum(total, 1e-12))
+        right = pull * (1.0 if parameter.low >= null else -1.0) > 0
+        estimate = pull / np.maximum(total, 1e-12)
+        strong = good & right & (np.abs(z) > SPARSE_Z) & (np.abs(estimate) > 0.5)
+        values[strong] = estimate[strong]
+        gain = float(0.5 * np.sum(z[strong] ** 2) - strong.sum() * np.log(len(keys)))
+        size = float(strong.sum())
+        z_half = SPARSE_Z if strong.any() else 0.0
+    else:
+        tau, gain = fit_tau(pull, total)
+        values[good] = pull[good] / (total[good] + 1.0 / max(tau, 1e-12) ** 2)
+        size = tau
+        z_half = _half_z(gram, score, tau)
+    level = {
+        key: float(np.clip(null + x, parameter.low, parameter.high)) for key, x in zip(keys, values, strict=True)
+    }
+    level = {key: x for key, x in level.items() if x != null}
+    fitted = Term(effect=effect, variant=variant, values=default_values(variant), fields={parameter.name: level})
+    return Pattern(term=fitted, gain=gain, z=z_half, size=size)
+
+
+def _half_z(gram: FloatArray, score: FloatArray, tau: float) -> float:
+    """Significance of the product of both halves' estimates."""
+    first = score[0] / np.maximum(gram[0] + 1.0 / max(tau, 1e-12) ** 2, 1e-12)
+    product = first * score[1]
+    scale = float(np.sqrt(np.sum(first**2 * gram[1])))
+    return float(product.sum()) / scale if scale > 0 else 0.0
+
+
+def _shared(data: ChannelData, residual: FloatArray) -> FloatArray:
+    """Estimate of what units, steps and images share in a residual (weighted means, shrunk by their scatter)."""
+    total = np.zeros(len(residual))
+    if data.calibrated:
+        total = data.scale * data.constants_of(data.whitener(residual))[data.unit]
+    weight = data.root_weight**2
+    for level in data.levels:
+        if level.name in {"step", "frame"}:
+            tau = data.tau.get(level.name, 0.0)
+            if tau > 0:
+                top = np.bincount(level.code, weight * level.scale * (residual - total), minlength=level.count)
+                bottom = np.bincount(level.code, weight * level.scale**2, minlength=level.count)
+                total = total + level.scale * (top / (bottom + 1.0 / tau**2))[level.code]
+    return total
+
+
+def is_calibration(problem: Problem, pattern: Pattern, terms: Sequence[Term]) -> bool:
+    """Whether a pattern mirrors the per-pixel mean of what the terms do: a calibration refitted on their effect."""
+    if not terms:
+        return False
+    view = problem.view
+    base, without = forward(terms, view), view.fresh_state()
+    moved = forward([*terms, pattern.term], view)
+    for d in problem.data:
+        name = d.channel.name
+        if moved[name] is base[name] or d.channel.role.value == "scatter":
+            continue
+        level = next((lv for lv in d.levels if lv.name == "pixel"), None)
+        if level is None:
+            continue
+        ours = _mean_by(level.code, ((moved[name] - base[name])[d.use] / d.scale), level.count)
+        theirs = _mean_by(level.code, ((base[name] - without[name])[d.use] / d.scale), level.count)
+        unit = np.zeros(level.count, dtype=np.int64)
+        unit[level.code] = d.unit
+        ours = ours - _mean_by(unit, ours, d.units)[unit]
+        theirs = theirs - _mean_by(unit, theirs, d.units)[unit]
+        if float(ours @ theirs) < 0 and _squared_correlation(ours, theirs) > 0.4:
+            return True
+    return False
+
+
+def _mean_by(code: IntArray, x: FloatArray, count: int) -> FloatArray:
+    size = np.maximum(np.bincount(code, minlength=count), 1)
+    return np.asarray(np.bincount(code, x, minlength=count) / size)
+
+
+def _squared_correlation(a: FloatArray, b: FloatArray) -> float:
+    power = float(a @ a) * float(b @ b)
+    return float(a @ b) ** 2 / power if power > 0 else 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scatter:
+    """Shared scatter beyond what is declared or bearable.
+
+    Attributes:
+        term: of a `Kind.GROUP_SCATTER` effect, its amplitude set.
+        level: `step`, `frame` or `angle`.
+        gain: log-likelihood over the declared scatter.
+        value: standard deviation in the channel's unit.
+        half_width: of its 95 % interval.
+    """
+
+    term: Term
+    channel: str
+    level: str
+    gain: float
+    value: float
+    half_width: float
+
+
+def find_scatter(problem: Problem, effects: Sequence[Effect], state: State) -> list[Scatter]:
+    """Group scatter that the table's declarations do not cover, the strongest first."""
+    found = []
+    for effect in effects:
+        if effect.kind is not Kind.GROUP_SCATTER:
+            continue
+        for variant in effect.variants(problem.view):
+            name, group = str(variant.options.get("channel", "")), str(variant.options.get("group", "step"))
+            data = next((d for d in problem.data if d.channel.name == name), None)
+            if data is None:
+                continue
+            made = _scatter_of(problem, effect, variant, data, group, state)
+            if made is not None:
+                found.append(made)
+    return sorted(found, key=lambda s: -s.gain)
+
+
+def _scatter_of(
+    problem: Problem, effect: Effect, variant: Variant, data: ChannelData, group: str, state: State
+) -> Scatter | None:
+    index = next((k for k, level in enumerate(data.levels) if level.name == group), None)
+    if index is None or data.channel.role.value == "scatter":
+        return None
+    level = data.levels[index]
+    residual = data.residual(state)
+    if data.calibrated:
+        residual = residual - data.scale * data.constants_of(data.whitener(residual))[data.unit]
+    inner = {lv.name: data.tau.get(lv.name, 0.0) for lv in data.levels[:index]}
+    partial = Whitener(data.root_weight, data.levels[: index + 1], {**inner, level.name: level.floor})
+    sums, weight = partial.group_sums(residual, level.name)
+    lost = float(data.units if data.calibrated else 0)
+    tau, gain = fit_tau(sums, weight, floor=level.floor, lost=lost)
+    declared = any(lv.floor > 0 for lv in data.levels)
+    size = tau * float(np.median(level.scale))
+    if gain < SCATTER_GAIN or (level.floor > 0 and tau < 1.4):
+        return None
+    if not declared:
+        frames = np.maximum(problem.view.frames()[data.use], 1.0)
+        if size < float(np.median(data.stated * data.spread * np.sqrt(frames))):
+            return None
+    amplitude = next(p for p in variant.parameters if p.is_amplitude)
+    extra = float(np.sqrt(max(tau**2 - level.floor**2, 0.0))) * float(np.median(level.scale))
+    term = Term(effect=effect, variant=variant, values={**default_values(variant), amplitude.name: extra})
+    return Scatter(
+        term=term, channel=data.channel.name, level=group, gain=gain, value=extra,
+        half_width=1.96 * extra / np.sqrt(2.0 * max(level.count - 1, 1)),
+    )  # fmt: skip
