@@ -1,10 +1,22 @@
 """Which cases a batch holds: singles over every recipe and strength, pairs, nulls, effects outside the library."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.concealed import effects_bench, effects_detector, effects_light, effects_timing, effects_unknown
+from benchmarks.concealed import (
+    camera,
+    effects_bench,
+    effects_detector,
+    effects_light,
+    effects_timing,
+    effects_unknown,
+    laser_curve,
+    point_sensor,
+    thermal_plant,
+    zone_sensor,
+)
 from benchmarks.concealed.assemble import build
 from benchmarks.concealed.case import BANDS, Case, Concealment
 from benchmarks.concealed.designs import dense_rows, fine_sweep, sparse
@@ -17,8 +29,19 @@ LIBRARY: tuple[Recipe, ...] = (
     *effects_detector.RECIPES,
     *effects_timing.RECIPES,
     *effects_bench.RECIPES,
+    *thermal_plant.RECIPES,
+    *point_sensor.RECIPES,
+    *zone_sensor.RECIPES,
+    *camera.RECIPES,
+    *laser_curve.RECIPES,
 )
-UNKNOWN: tuple[Recipe, ...] = effects_unknown.RECIPES
+UNKNOWN: tuple[Recipe, ...] = (
+    *effects_unknown.RECIPES,
+    *thermal_plant.UNKNOWN,
+    *zone_sensor.UNKNOWN,
+    *camera.UNKNOWN,
+    *laser_curve.UNKNOWN,
+)
 # effects that show on a plain sparse design, so that any two of them can share a table
 PAIRABLE = (
     "laser.power_decay",
@@ -36,7 +59,14 @@ PAIRABLE = (
     "target.reflectance_error",
 )
 OWN_DESIGN = ("laser.power_decay", "electronics.rail_coupling", "timing.thermal_lag", "beam.profile_shift")
-SENSORS = {"flash": flash}
+SENSORS: dict[str, Callable[[np.random.Generator, Any], Sensor]] = {
+    "flash": flash,
+    "point": point_sensor.point,
+    "zones": zone_sensor.zones,
+    "camera": camera.camera,
+    "plant": thermal_plant.plant,
+    "laser": laser_curve.laser,
+}
 
 
 class Order(NamedTuple):
