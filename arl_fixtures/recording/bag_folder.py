@@ -17,6 +17,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Literal, Self, final
 
+from mcap.records import Schema
 from ruamel.yaml import YAML
 
 import arl_fixtures
@@ -79,23 +80,39 @@ class BagFolder:
         self.file = McapFile(self.part / f"{path.name}_0.mcap", library)
         self.file.metadata(METADATA_RECORD, self._custom)
 
-    def topic(self, name: str, msgtype: str, durability: Durability = "volatile") -> int:
-        """Channel id of a topic, declared when new."""
+    def topic(
+        self, name: str, msgtype: str, durability: Durability = "volatile", schema: Schema | None = None
+    ) -> int:
+        """Channel id of a topic, declared when new.
+
+        Args:
+            name: topic.
+            msgtype: ROS type name.
+            durability: offered durability.
+            schema: definition to use as it is; by default that of the ROS 2 type of this name.
+        """
         if name in self._channels:
             return self._channels[name]
-        definition, _ = typestore().generate_msgdef(msgtype, ros_version=2)
-        channel = self.file.channel(name, msgtype, definition, _qos_text(durability))
-        self._channels[name] = channel
+        if schema is None:
+            definition, _ = typestore().generate_msgdef(msgtype, ros_version=2)
+            schema = Schema(id=0, name=msgtype, encoding="ros2msg", data=definition.encode())
+        known = msgtype in typestore().types
+        self._channels[name] = self.file.channel(name, schema, _qos_text(durability))
         self._topics.append(
             {
                 "name": name,
                 "type": msgtype,
                 "serialization_format": "cdr",
                 "offered_qos_profiles": [_qos(durability)],
-                "type_description_hash": typestore().hash_rihs01(msgtype),
+                "type_description_hash": typestore().hash_rihs01(msgtype) if known else "",
             }
         )
-        return channel
+        return self._channels[name]
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Messages so far, by topic."""
+        return {name: self.file.counts[channel] for name, channel in self._channels.items()}
 
     def close(self) -> BagReceipt:
         """Finish the bag and give it its name.

@@ -108,7 +108,7 @@ def image_records(
     return records
 
 
-def message_record(channel: int, sequence: int, log_time_ns: int, data: bytes) -> bytes:
+def message_record(channel: int, sequence: int, log_time_ns: int, data: bytes | memoryview) -> bytes:
     """One MCAP message record."""
     head = _RECORD_HEAD.pack(Opcode.MESSAGE, 22 + len(data), channel, sequence, log_time_ns, log_time_ns)
     return head + data

@@ -106,19 +106,19 @@ class McapFile:
         self.flush()
         self._put((name, _bytes(Metadata(name, dict(data)))))
 
-    def channel(self, topic: str, msgtype: str, definition: str, qos: str) -> int:
-        """Declare a topic; its schema is written with the first one of its type.
+    def channel(self, topic: str, schema: Schema, qos: str) -> int:
+        """Declare a topic; its schema is written with the first one of its type, under an id of this file.
 
         Returns:
             channel id for `append` and `message`.
         """
-        schema_id = next((schema.id for schema in self.schemas.values() if schema.name == msgtype), 0)
+        schema_id = next((known.id for known in self.schemas.values() if known.name == schema.name), 0)
         declared = b""
         if not schema_id:
             schema_id = len(self.schemas) + 1
-            schema = Schema(id=schema_id, name=msgtype, encoding="ros2msg", data=definition.encode())
-            self.schemas[schema_id] = schema
-            declared = _bytes(schema)
+            own = Schema(id=schema_id, name=schema.name, encoding=schema.encoding, data=schema.data)
+            self.schemas[schema_id] = own
+            declared = _bytes(own)
         channel = Channel(
             id=len(self.channels) + 1,
             topic=topic,
@@ -131,7 +131,7 @@ class McapFile:
         self._put(declared + _bytes(channel))
         return channel.id
 
-    def message(self, channel: int, log_time_ns: int, data: bytes) -> None:
+    def message(self, channel: int, log_time_ns: int, data: bytes | memoryview) -> None:
         """Append one message."""
         record = message_record(channel, self.counts[channel], log_time_ns, data)
         self.append(channel, record, np.array([log_time_ns], dtype=np.uint64), len(record))
@@ -150,7 +150,6 @@ class McapFile:
 
     def flush(self) -> None:
         """Hand the messages so far to the disk, however few."""
-        self.raise_failure()
         if self._chunk.size:
             self.first_ns = min(self.first_ns, self._chunk.first_ns)
             self.last_ns = max(self.last_ns, self._chunk.last_ns)
@@ -191,7 +190,9 @@ class McapFile:
     # --- worker's side ---
 
     def _put(self, item: bytes | _Chunk | tuple[str, bytes]) -> None:
-        self.raise_failure()
+        if self._failure is not None:
+            self.abort()  # nobody may leave a thread behind, whatever he does with the error
+            self.raise_failure()
         self._queue.put(item)
 
     def _stop_worker(self) -> None:

@@ -204,3 +204,34 @@ def diagnostics_cdr(
         ],
     )
     return _cdr(types[DIAGNOSTICS](header=_header(time_ns, frame_id), status=[status]), DIAGNOSTICS)
+
+
+def point_cloud_cdr(
+    time_ns: int, frame_id: str, points_m: npt.NDArray[np.float32], intensity: npt.NDArray[np.float32]
+) -> bytes:
+    """`sensor_msgs/PointCloud2`, organised like the image: x, y, z in metres and intensity in counts, float32.
+
+    Args:
+        time_ns: stamp.
+        frame_id: optical frame.
+        points_m: (H, W, 3); NaN where there is no return.
+        intensity: (H, W) counts.
+    """
+    types = typestore().types
+    height, width = intensity.shape
+    data = np.concatenate([points_m, intensity[:, :, np.newaxis]], axis=2).astype("<f4", copy=False)
+    field = types["sensor_msgs/msg/PointField"]
+    message = types[POINT_CLOUD](
+        header=_header(time_ns, frame_id),
+        height=height,
+        width=width,
+        fields=[
+            field(name=name, offset=4 * k, datatype=7, count=1) for k, name in enumerate(("x", "y", "z", "intensity"))
+        ],
+        is_bigendian=False,
+        point_step=16,
+        row_step=16 * width,
+        data=data.reshape(-1).view(np.uint8),
+        is_dense=False,
+    )
+    return _cdr(message, POINT_CLOUD)

@@ -14,6 +14,10 @@ from typing import Final
 from arl_fixtures.errors import DataError
 
 SCHEMA: Final = "arl-step-bag/1"
+RECOVERED_FROM: Final = "extra.recovered_from"
+"""Key that a recovered bag bears: it looks whole to every tool, but the step in it was not finished."""
+DERIVED_FROM: Final = "extra.derived_from"
+"""Key of a bag computed from another one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,6 +55,11 @@ class StepMetadata:
     profile_sha256: str
     limits_sha256: str
     extra: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def recovered(self) -> bool:
+        """Whether this is what was left of a bag that was cut."""
+        return RECOVERED_FROM.removeprefix("extra.") in self.extra
 
     def to_custom_data(self) -> dict[str, str]:
         """Flat text to text, as rosbag2 and MCAP want it; `extra` keys bear the prefix `extra.`."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Final, Self, final
+from typing import Any, Final, Self, final
 
 import numpy as np
 import numpy.typing as npt
@@ -156,7 +156,7 @@ class StepBagWriter:
 
     def _images(self, topics: DutTopics, block: AngleBlock, log_ns: UInt64Array) -> None:
         row_valid = np.where(block.row_valid, np.uint8(255), np.uint8(0))[:, :, np.newaxis]
-        images = (
+        images: tuple[npt.NDArray[Any], ...] = (
             block.intensity_counts[:, 0],
             block.distance_m[:, 0],
             block.intensity_counts[:, 1],
