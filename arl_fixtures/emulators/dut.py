@@ -36,17 +36,17 @@ from arl_fixtures.twin.aging import aged
 from arl_fixtures.twin.conditions import Conditions, FrameModel, altered
 from arl_fixtures.twin.expected import Expected
 from arl_fixtures.twin.frame import Renderer
-from arl_fixtures.twin.noise import Scatter, code_frames, frame_generator, scatter
+from arl_fixtures.twin.noise import CountedNoise, FrameCoder, scatter
 from arl_fixtures.twin.operating import operating_data
 from arl_fixtures.twin.scene import SceneSettings
 from arl_fixtures.twin.settings import DutSettings
 from arl_fixtures.yaml_model import FileModel
 
-UInt16Array = npt.NDArray[np.uint16]
+Pixels = tuple[npt.NDArray[np.uint16], npt.NDArray[np.uint16], npt.NDArray[np.uint8]]
+"""Intensity, range codes and flags of one frame, (H, W) each."""
 
 TICKS_PER_S: Final = 1e6
 """Frame numbers of the noise are exposure times in microseconds, so that a restart does not repeat the noise."""
-OPERATING_STREAM: Final = 1
 
 
 class DutEmulatorSettings(FileModel):
@@ -134,14 +134,15 @@ class DutEmulator:
             update={"range_step_m": self._wire.range_step_m, "no_return_code": self._wire.no_return_code}
         )
         self._row_faults = RowFaults(plant.faults, self._name, self._seed)
+        self._operating_noise = CountedNoise(self._seed)
         self._spacing_s = self._settings.readout_s / ROWS
         self._restart_s = -math.inf
         self._circumstances = Conditions(dut=dut.serial, cycle=cycle)
         self._cycle_start_s = 0.0
         self._renderer = Renderer(aged(dut, cycle), self._scene)
-        self._spread: tuple[float, float, Scatter] | None = None
+        self._coder: tuple[float, float, FrameCoder] | None = None
         self._packets: tuple[float, list[bytes]] | None = None
-        self._pixels: tuple[UInt16Array, UInt16Array] | None = None
+        self._pixels: Pixels | None = None
         plant.attach(self._name, self._on_fault)
 
     @property
@@ -161,12 +162,12 @@ class DutEmulator:
         unit = aged(self._dut, cycle)
         if unit != self._renderer.dut:
             self._renderer = Renderer(unit, self._scene)
-        self._spread = self._packets = None
+        self._coder = self._packets = None
 
     def enter_step(self, step: int, *, set_temperature_c: float, ramp: int) -> None:
         """Tell frame models which temperature step this is; the nominal unit does not care."""
         self._circumstances = replace(self._circumstances, step=step, set_temperature_c=set_temperature_c, ramp=ramp)
-        self._spread = None
+        self._coder = None
 
     def next_time_s(self, now_s: float) -> float:
         """Time of the next packet; infinity while the sensor has no power."""
@@ -195,8 +196,9 @@ class DutEmulator:
             if self._is_mute(packet_s):
                 continue
             sent += self._frame(count, packet_s, now_s, until_s)
-        sent += self._telemetry(first_s, now_s, until_s)
-        if len(sent) > 1:
+        telemetry = self._telemetry(first_s, now_s, until_s)
+        if telemetry:
+            sent += telemetry
             sent.sort(key=_time_s)
         return sent
 
@@ -227,10 +229,7 @@ class DutEmulator:
         frozen = self._plant.faults.active(self._name, FaultKind.FROZEN_FRAME, packet_s)
         if frozen is None or self._pixels is None:
             self._pixels = self._expose(exposure_s)
-        intensity, codes = self._pixels
-        returns = codes != self._wire.no_return_code
-        flags = returns * np.uint8(PixelFlag.VALID)
-        flags |= (intensity >= self._noise.full_counts) * np.uint8(PixelFlag.SATURATED)
+        intensity, codes, flags = self._pixels
         rows = self._encoder.encode(
             frame_number=count,
             timestamp=round((exposure_s - self._powered_s()) / self._wire.timestamp_step_s),
@@ -241,20 +240,24 @@ class DutEmulator:
         self._packets = (packet_s, rows)
         return rows
 
-    def _expose(self, exposure_s: float) -> tuple[UInt16Array, UInt16Array]:
-        """Pixels of one exposure, (H, W) each."""
+    def _expose(self, exposure_s: float) -> Pixels:
+        """Pixels of one exposure."""
         middle_s = exposure_s + self._settings.exposure_s / 2
         if not self._plant.laser_on(self._index, middle_s):
             shape = (self._dut.rows, self._dut.columns)
-            return np.zeros(shape, np.uint16), np.full(shape, self._wire.no_return_code, np.uint16)
+            dark = np.full(shape, self._wire.no_return_code, np.uint16)
+            return np.zeros(shape, np.uint16), dark, np.zeros(shape, np.uint8)
         angle_deg = self._plant.stage_angle_deg(middle_s)
-        spread = self._spread_at(angle_deg, middle_s)
         number = round(exposure_s * TICKS_PER_S)
-        intensity, codes = code_frames(spread, self._noise, seed=self._seed, frame_numbers=(number,))
-        return intensity[0], codes[0]
+        coder = self._coder_at(angle_deg, middle_s)
+        intensity, codes = coder.code(self._seed, (number,))
+        flags = coder.returns * np.uint8(PixelFlag.VALID)
+        if int(intensity.max()) >= self._noise.full_counts:
+            flags |= (intensity[0] >= self._noise.full_counts) * np.uint8(PixelFlag.SATURATED)
+        return intensity[0], codes[0], flags
 
-    def _spread_at(self, angle_deg: float, time_s: float) -> Scatter:
-        known = self._spread
+    def _coder_at(self, angle_deg: float, time_s: float) -> FrameCoder:
+        known = self._coder
         if known is not None and known[0] == angle_deg:
             fresh = not self._models or 0 <= time_s - known[1] <= self._settings.model_refresh_s
             if fresh:
@@ -262,9 +265,9 @@ class DutEmulator:
         expected: Expected = self._renderer.expected(angle_deg)
         if self._models:
             expected = altered(expected, self._conditions(angle_deg, time_s), self._models)
-        spread = scatter(expected, self._renderer.dut.noise)
-        self._spread = (angle_deg, time_s, spread)
-        return spread
+        coder = FrameCoder(scatter(expected, self._renderer.dut.noise), self._noise)
+        self._coder = (angle_deg, time_s, coder)
+        return coder
 
     def _conditions(self, angle_deg: float, time_s: float) -> Conditions:
         plant = self._plant
@@ -281,7 +284,7 @@ class DutEmulator:
         )
 
     def _record(self, count: int, packet_s: float) -> bytes:
-        generator = frame_generator(self._seed, round(packet_s * TICKS_PER_S), stream=OPERATING_STREAM)
+        generator = self._operating_noise.at(round(packet_s * TICKS_PER_S))
         values = operating_data(self._dut.operating, self._plant.housing_c[self._index], generator)
         return encode_record(
             OperatingRecord(

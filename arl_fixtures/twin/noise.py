@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from functools import cache
+from typing import Final, final
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
+from scipy.special import ndtri
 
 from arl_fixtures.twin.expected import BoolArray, Expected, Float32Array
 from arl_fixtures.yaml_model import FileModel
@@ -89,49 +91,101 @@ def scatter(expected: Expected, noise: NoiseSettings) -> Scatter:
     )
 
 
-def frame_generator(seed: int, frame_number: int, *, stream: int = 0) -> np.random.Generator:
-    """The random numbers of one frame of one unit; streams keep different uses of the same frame apart."""
-    return np.random.Generator(np.random.SFC64(np.random.SeedSequence((seed, stream, frame_number))))
+def frame_generator(seed: int, frame_number: int) -> np.random.Generator:
+    """The random numbers of one frame of one unit."""
+    return np.random.Generator(np.random.SFC64(np.random.SeedSequence((seed, frame_number))))
+
+
+@final
+class CountedNoise:
+    """A few random numbers for each of many counts: a counter-based generator, set instead of made anew.
+
+    Args:
+        seed: of the unit; another one than `frame_generator` uses gives numbers independent of its frames'.
+    """
+
+    def __init__(self, seed: int) -> None:
+        key = np.random.SeedSequence(seed).generate_state(2, np.uint64)
+        self._bits = np.random.Philox(key=key)
+        self._generator = np.random.Generator(self._bits)
+        self._state = self._bits.state
+
+    def at(self, number: int) -> np.random.Generator:
+        """The generator at the beginning of the numbers of one count (below 2⁶⁴); valid until the next call."""
+        self._state["state"]["counter"][:] = (0, number, 0, 0)
+        self._bits.state = self._state
+        return self._generator
+
+
+@cache
+def normal_table() -> Float32Array:
+    """Standard normal numbers for 65536 equally likely integers.
+
+    The middle quantiles of the distribution, scaled to unit variance. Looking numbers up takes a fifth of the time
+    of drawing exact ones, which would be half of the cost of a frame. They end at 4.3 σ; kurtosis is 2.999.
+    """
+    quantiles: npt.NDArray[np.float64] = ndtri((np.arange(65536) + 0.5) / 65536)
+    table: Float32Array = (quantiles / quantiles.std()).astype(np.float32)
+    table.flags.writeable = False
+    return table
+
+
+@final
+class FrameCoder:
+    """Frames with the same expectation as they are sent, with noise.
+
+    Args:
+        spread: what the frames have in common.
+        noise: coding parameters.
+    """
+
+    def __init__(self, spread: Scatter, noise: NoiseSettings) -> None:
+        per_metre = np.float32(1 / noise.range_step_m)
+        self._mean = np.stack([spread.intensity_counts, spread.distance_m * per_metre])
+        self._std = np.stack([spread.intensity_std_counts, spread.distance_std_m * per_metre])
+        self._silent = None if spread.returns.all() else ~spread.returns
+        self._gain_std = spread.frame_gain_std
+        self._noise = noise
+        self.returns = spread.returns
+        """Where there is a return, (H, W)."""
+
+    def code(self, seed: int, frame_numbers: Sequence[int]) -> tuple[UInt16Array, UInt16Array]:
+        """First returns of some frames.
+
+        Args:
+            seed: of the unit.
+            frame_numbers: of the frames to make, each at least 0.
+
+        Returns:
+            Intensity in counts and range codes, (n, H, W) each; 0 and the no-return code where there is no return.
+        """
+        table, noise = normal_table(), self._noise
+        values = np.empty((len(frame_numbers), *self._mean.shape), dtype=np.float32)
+        words = -(-self._mean.size // 4)
+        for frame, number in zip(values, frame_numbers, strict=True):
+            generator = frame_generator(seed, number)
+            bits = generator.integers(0, 2**64 - 1, words, dtype=np.uint64, endpoint=True).view(np.uint16)
+            table.take(bits[: frame.size], out=frame.reshape(-1), mode="clip")
+            frame *= self._std
+            frame += self._mean
+            if self._gain_std > 0:
+                frame[0] += self._mean[0] * np.float32(self._gain_std * generator.standard_normal())
+        np.rint(values, out=values)
+        np.clip(values, 0, CODE_LIMIT, out=values)
+        codes = values.astype(np.uint16)
+        intensity, distance = codes[:, 0], codes[:, 1]
+        np.minimum(intensity, noise.full_counts, out=intensity)
+        if self._silent is not None:
+            np.copyto(intensity, 0, where=self._silent)
+            np.copyto(distance, noise.no_return_code, where=self._silent)
+        return intensity, distance
 
 
 def code_frames(
     spread: Scatter, noise: NoiseSettings, *, seed: int, frame_numbers: Sequence[int]
 ) -> tuple[UInt16Array, UInt16Array]:
-    """First returns as they are sent, with noise.
-
-    Args:
-        spread: what the frames have in common.
-        noise: coding parameters.
-        seed: of the unit.
-        frame_numbers: of the frames to make, each at least 0.
-
-    Returns:
-        Intensity in counts and range codes, (n, H, W) each; 0 and the no-return code where there is no return.
-    """
-    shape = spread.intensity_counts.shape
-    count = len(frame_numbers)
-    normal = np.empty((count, 2, *shape), dtype=np.float32)
-    intensity, distance = normal[:, 0], normal[:, 1]
-    gains = np.ones((count, 1, 1), dtype=np.float32)
-    for index, number in enumerate(frame_numbers):
-        generator = frame_generator(seed, number)
-        generator.standard_normal(dtype=np.float32, out=normal[index])
-        if spread.frame_gain_std > 0:
-            gains[index] = 1 + spread.frame_gain_std * generator.standard_normal()
-    per_metre = np.float32(1 / noise.range_step_m)
-    intensity *= spread.intensity_std_counts
-    intensity += gains * spread.intensity_counts if spread.frame_gain_std > 0 else spread.intensity_counts
-    distance *= spread.distance_std_m * per_metre
-    distance += spread.distance_m * per_metre
-    codes = np.empty(normal.shape, dtype=np.uint16)
-    silent = ~spread.returns
-    for kind, (most, nothing) in enumerate(((noise.full_counts, 0), (CODE_LIMIT, noise.no_return_code))):
-        values = normal[:, kind]
-        np.rint(values, out=values)
-        np.clip(values, 0, most, out=values)
-        codes[:, kind] = values
-        np.copyto(codes[:, kind], nothing, where=silent)
-    return codes[:, 0], codes[:, 1]
+    """Some frames as `FrameCoder` makes them, for one use."""
+    return FrameCoder(spread, noise).code(seed, frame_numbers)
 
 
 def predicted(spread: Scatter, noise: NoiseSettings) -> Scatter:
