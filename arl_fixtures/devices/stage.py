@@ -84,11 +84,13 @@ class TmclStage:
         return Identity(name=f"TMCM-{number}", firmware=firmware)
 
     def home(self, timeout_s: float) -> None:
-        """Configure the axis and search the reference.
+        """Configure the axis, search the reference and move into the allowed range.
+
+        There no limit switch may be pressed any more: one that is found its reference anywhere.
 
         Raises:
             DeviceTimeoutError: the search did not end in time; it is stopped.
-            DeviceError: the module refused a parameter, or the axis stalled.
+            DeviceError: the module refused a parameter, the axis stalled, or a limit switch is stuck.
         """
         self._homed, self._flags, self._target_steps = False, 0, None
         self._configure()
@@ -109,6 +111,16 @@ class TmclStage:
             self._module.set_axis(Axis.ENCODER, round(steps * self._settings.encoder_counts_per_microstep))
         self._module.set_user(self._settings.marker_variable, _HOMED_MARKER)
         self._homed = True
+        low, high = self.limits_deg
+        self.move_to_deg(min(max(self._settings.reference_angle_deg, low), high))
+        try:
+            self.wait_until_reached(deadline_s - self._clock.now_s)
+            pressed = self._pressed_switches()
+            if pressed:
+                raise DeviceError(f"{self._module.place}: {pressed} limit switch is pressed at {self._angle_text()}")
+        except DeviceError:
+            self._homed = False
+            raise
 
     def move_to_deg(self, angle_deg: float) -> None:
         """Start to move; returns at once (two exchanges).
@@ -224,11 +236,14 @@ class TmclStage:
         trouble = self.fault()
         if trouble:
             return trouble
-        right, left = self._module.axis(Axis.RIGHT_SWITCH), self._module.axis(Axis.LEFT_SWITCH)
-        switches = " and ".join(name for name, pressed in (("right", right), ("left", left)) if pressed)
-        if switches:
-            return f"stopped by the {switches} limit switch"
+        pressed = self._pressed_switches()
+        if pressed:
+            return f"stopped by the {pressed} limit switch"
         return "target never reached, for no reason the module tells"
+
+    def _pressed_switches(self) -> str:
+        right, left = self._module.axis(Axis.RIGHT_SWITCH), self._module.axis(Axis.LEFT_SWITCH)
+        return " and ".join(name for name, pressed in (("right", right), ("left", left)) if pressed)
 
     def _require_marker(self) -> None:
         if self._module.user(self._settings.marker_variable) != _HOMED_MARKER:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple, final
 
-_KEPT_HISTORY_S: Final = 120.0
+_KEPT_PIECES: Final = 64
 
 
 class Piece(NamedTuple):
@@ -104,7 +104,7 @@ def move_duration_s(distance_deg: float, speed_deg_s: float, acceleration_deg_s2
 
 @final
 class Track:
-    """Where an axis was, is and, as planned, will be.
+    """Where an axis was (some moves back), is and, as planned, will be.
 
     Args:
         position_deg: where it stands from the beginning of time.
@@ -125,7 +125,7 @@ class Track:
         piece = self._pieces[self._index(time_s)]
         if piece.stands:
             return piece.position_deg, 0.0
-        return piece.at(time_s)
+        return piece.at(max(time_s, piece.start_s))
 
     @property
     def end_s(self) -> float:
@@ -146,9 +146,7 @@ class Track:
         kept = self._pieces[: self._index(now_s) + 1]
         if kept[-1].start_s >= now_s:
             kept.pop()
-        while len(kept) > 1 and kept[1].start_s < now_s - _KEPT_HISTORY_S:
-            kept.pop(0)
-        self._pieces = kept + pieces
+        self._pieces = kept[-_KEPT_PIECES:] + pieces
 
     def halt(self, time_s: float) -> None:
         """Stand from `time_s` on, at once."""

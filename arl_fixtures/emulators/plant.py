@@ -77,6 +77,7 @@ class Plant:
         self._ramp_k_per_s = math.inf
         self._controlling = False
         self._circulating = False
+        self._telling = False
 
     # -- time and faults
 
@@ -91,15 +92,20 @@ class Plant:
 
     def advance(self, now_s: float) -> None:
         """Let the plant run to `now_s`; an earlier time changes nothing."""
-        while self.faults.next_edge_s <= now_s:
+        # listeners change the plant, which advances it: faults are then left to the call under way
+        while not self._telling and self.faults.next_edge_s <= now_s:
             edge = self.faults.take_edge(now_s)
             if edge is None:
                 break
             at_s = max(edge.time_s, self._now_s)
             self._run(at_s)
-            for device, listener in self._listeners:
-                if edge.fault.concerns(device):
-                    listener(edge.fault, edge.begins, at_s)
+            self._telling = True
+            try:
+                for device, listener in self._listeners:
+                    if edge.fault.concerns(device):
+                        listener(edge.fault, edge.begins, at_s)
+            finally:
+                self._telling = False
         if now_s > self._now_s:
             self._run(now_s)
 
