@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Callable
 from functools import cached_property
-from typing import Final, final
+from typing import Any, Final, TypeVar, final
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,8 @@ Float32Array = npt.NDArray[np.float32]
 Float64Array = npt.NDArray[np.float64]
 Int64Array = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+
+Derived = TypeVar("Derived")
 
 KEPT_SWEEPS: Final = 2
 """Ascending sweeps repeat exactly; some 12 MB each at full resolution."""
@@ -43,6 +46,7 @@ class Geometry:
     """
 
     def __init__(self, renderer: Renderer, stage_angle_deg: Float64Array) -> None:
+        self._derived: dict[Callable[[Geometry], Any], Any] = {}
         self.dut: DutSettings = renderer.dut
         self.scene: SceneSettings = renderer.scene
         self.stage_angle_deg = stage_angle_deg
@@ -67,6 +71,12 @@ class Geometry:
             self.reflectance[k] = frame.reflectance
             self.surface[k] = frame.surface
             self.mixed[k] = frame.mixed
+
+    def derive(self, function: Callable[[Geometry], Derived]) -> Derived:
+        """`function(self)`, computed once: what depends on the geometry alone is shared by all steps."""
+        if function not in self._derived:
+            self._derived[function] = function(self)
+        return self._derived[function]  # type: ignore[no-any-return]  # keyed by the function that made it
 
     @cached_property
     def stripes(self) -> tuple[str, ...]:

@@ -1,0 +1,167 @@
+"""Bundle adjustment: K and δ from circle centres, with mount, targets and stage angles as nearly known.
+
+Linear about the assumed camera: deviations of the centres d = J θ + ε, with normal priors on everything that a
+certificate or drawing knows (mount, target positions, each stage angle) and none on the intrinsics. The scatter of
+the centres beyond repeatability (the coarse sampling of a four-pixel circle) is estimated from the residuals and
+joins ε; single wild centres lose their weight (bisquare).
+
+The estimate's error is H⁻¹(JᵀW ε − P η), H = JᵀWJ + P, with η the true deviations behind the priors P: that splits
+its covariance into repeatability (type A) and one type B contribution for each group of priors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from arl_fixtures.metrics.calibration.camera import (
+    MOUNT_ANGLES,
+    MOUNT_POSITION,
+    CircleField,
+    free_intrinsics,
+)
+from arl_fixtures.metrics.calibration.circles import Centres
+from arl_fixtures.metrics.reference import NotMeasurableError
+from arl_fixtures.metrics.step import BenchUncertainty
+
+Float64Array = npt.NDArray[np.float64]
+
+ITERATIONS: Final = 4
+TUKEY: Final = 6.0
+"""Bisquare constant; wide, because the sampling's scatter is not normal."""
+MAD_TO_SIGMA: Final = 1.4826
+FEWEST_CIRCLES: Final = 100
+GROUPS: Final = ("mount", "target position", "stage angle")
+LEAST_U: Final = 1e-9
+"""Floor of a prior's standard uncertainty: a parameter given as exact stays where it is."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Adjustment:
+    """Estimated deviations from the assumed camera.
+
+    Attributes:
+        names: of the intrinsic parameters.
+        offsets: estimated deviation of every parameter but the stage angles, by name.
+        repeatability: covariance of the intrinsic parameters from the circle centres.
+        by_group: the same from each group of `GROUPS`.
+        dof: degrees of freedom of the repeatability.
+        circles: centres used.
+        residual_px: root mean square of the residuals, robust.
+        moved_px: root mean square of what the estimated intrinsics and mount move the centres by.
+    """
+
+    names: tuple[str, ...]
+    offsets: dict[str, float]
+    repeatability: Float64Array
+    by_group: dict[str, Float64Array]
+    dof: float
+    circles: int
+    residual_px: float
+    moved_px: float
+
+
+def adjust(
+    field: CircleField, centres: Centres, uncertainty: BenchUncertainty, known: Mapping[str, float]
+) -> Adjustment:
+    """Estimate the intrinsics.
+
+    Args:
+        field: the circles, as the assumed camera and mount see them.
+        centres: where they were found.
+        uncertainty: of mount, targets and stage angles.
+        known: offsets of mount parameters that `field` already contains, by name; the priors know nothing of them.
+
+    Raises:
+        NotMeasurableError: too few circles.
+    """
+    used = centres.usable
+    if int(used.sum()) < FEWEST_CIRCLES:
+        raise NotMeasurableError(
+            f"{int(used.sum())} circles of the intrinsic targets seen; at least {FEWEST_CIRCLES}"
+        )
+    dense = field.jacobian[used].reshape(-1, len(field.names))
+    stage = field.stage_jacobian[used].ravel()
+    angles, angle = np.unique(np.repeat(field.angle[used], 2), return_inverse=True)
+    deviation = centres.deviation_px[used].ravel()
+    noise = centres.variance_px2[used].ravel()
+    prior, group = _priors(field, uncertainty, len(angles))
+    pull = prior[: dense.shape[1]] * [known.get(name, 0.0) for name in field.names]
+
+    model = 0.0
+    trust = np.ones_like(deviation)
+    inverse, evidence, theta = np.empty((0, 0)), np.empty((0, 0)), np.empty(0)
+    residual = deviation
+    for _ in range(ITERATIONS):
+        weight = trust / (noise + model)
+        evidence = _normal(dense, stage, angle, weight, len(angles))
+        inverse = np.linalg.inv(evidence + np.diag(prior)).astype(np.float64)
+        right = _right_side(dense, stage, angle, weight * deviation, len(angles))
+        right[: dense.shape[1]] -= pull
+        theta = inverse @ right
+        residual = deviation - dense @ theta[: dense.shape[1]] - stage * theta[dense.shape[1] :][angle]
+        spread = (MAD_TO_SIGMA * float(np.median(np.abs(residual)))) ** 2
+        model = max(spread - float(np.median(noise)), 0.0)
+        trust = np.clip(1.0 - residual**2 / (TUKEY**2 * (noise + model)), 0.0, None) ** 2
+    count = len(free_intrinsics(field.dut.intrinsics))
+    camera = np.array(["." not in name or name.startswith("mount.") for name in field.names])
+    # weights of (1 − x²)² stand for evidence of a share of an observation: the sandwich has them squared
+    squared = _normal(dense, stage, angle, trust * trust / (noise + model), len(angles))
+    parts = {name: (inverse * np.where(group == k, prior, 0.0)) @ inverse.T for k, name in enumerate(GROUPS)}
+    return Adjustment(
+        names=field.names[:count],
+        offsets=dict(zip(field.names, theta[: dense.shape[1]].tolist(), strict=True)),
+        repeatability=(inverse @ squared @ inverse.T)[:count, :count],
+        by_group={name: part[:count, :count] for name, part in parts.items()},
+        dof=float(max(len(deviation) - dense.shape[1] - len(angles), 1)),
+        circles=int(used.sum()),
+        residual_px=float(np.sqrt(np.average(residual**2, weights=trust))),
+        moved_px=float(np.sqrt(np.mean((dense[:, camera] @ theta[: dense.shape[1]][camera]) ** 2))),
+    )
+
+
+def _priors(
+    field: CircleField, uncertainty: BenchUncertainty, angles: int
+) -> tuple[Float64Array, npt.NDArray[np.int64]]:
+    """Precision of each parameter's prior, and the group it belongs to (−1 for none)."""
+    precision, group = [], []
+    for name in field.names:
+        owner, _, axis = name.partition(".")
+        if not axis:
+            precision.append(0.0)
+            group.append(-1)
+            continue
+        if owner == "mount":
+            u = uncertainty.mount_angle_deg if axis in MOUNT_ANGLES else uncertainty.mount_position_m
+        else:
+            u = uncertainty.target_position_m
+        precision.append(max(u, LEAST_U) ** -2)
+        group.append(0 if owner == "mount" and axis in MOUNT_ANGLES + MOUNT_POSITION else 1)
+    precision += [max(uncertainty.stage_angle_deg, LEAST_U) ** -2] * angles
+    group += [2] * angles
+    return np.array(precision), np.array(group, dtype=np.int64)
+
+
+def _normal(
+    dense: Float64Array, stage: Float64Array, angle: npt.NDArray[np.int64], weight: Float64Array, angles: int
+) -> Float64Array:
+    """JᵀWJ with the stage angles last; each centre depends on one of them only."""
+    p = dense.shape[1]
+    matrix = np.zeros((p + angles, p + angles))
+    matrix[:p, :p] = dense.T @ (dense * weight[:, None])
+    for k in range(p):
+        matrix[k, p:] = np.bincount(angle, weights=weight * stage * dense[:, k], minlength=angles)
+    matrix[p:, :p] = matrix[:p, p:].T
+    diagonal = np.arange(p, p + angles)
+    matrix[diagonal, diagonal] = np.bincount(angle, weights=weight * stage**2, minlength=angles)
+    return matrix
+
+
+def _right_side(
+    dense: Float64Array, stage: Float64Array, angle: npt.NDArray[np.int64], weighted: Float64Array, angles: int
+) -> Float64Array:
+    return np.concatenate([dense.T @ weighted, np.bincount(angle, weights=weighted * stage, minlength=angles)])

@@ -1,0 +1,197 @@
+"""ΔK: focal lengths, principal point and distortion, re-calibrated from the intrinsic targets over all angles.
+
+Circle centres come from the temporal mean images with the blob's bias taken from the twin's own frames
+(`calibration.circles`); K and δ follow from a bundle adjustment with mount, targets and stage angles as nearly known
+(`calibration.adjustment`). Where the found camera is far from the assumed one, the twin is rendered again with the
+found one and the rest is measured against that.
+
+Changes against the reference: mount and targets are the same ones then and now, so their part cancels; what remains
+is the repeatability of both and the stage angle's part of both. Propagation is linear.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from arl_fixtures.metrics.calibration.adjustment import Adjustment, adjust
+from arl_fixtures.metrics.calibration.camera import FOCAL, PRINCIPAL, free_intrinsics
+from arl_fixtures.metrics.calibration.circles import circle_plan, find_centres
+from arl_fixtures.metrics.geometry import Geometry
+from arl_fixtures.metrics.measurement import Measurement
+from arl_fixtures.metrics.metric import Metric
+from arl_fixtures.metrics.power_map import power_map
+from arl_fixtures.metrics.reference import NotMeasurableError
+from arl_fixtures.metrics.step import NO_REFERENCE, StepData
+from arl_fixtures.quantity import Contribution, Kind, Quantity
+from arl_fixtures.twin.frame import Renderer
+from arl_fixtures.twin.settings import DutSettings
+
+Float64Array = npt.NDArray[np.float64]
+
+NEAR_PX: Final = 0.02
+"""When camera and mount just found move the circles by less than this (rms), the twin need not be rendered again."""
+MOST_ROUNDS: Final = 2
+LEAST_SHARE: Final = 0.5
+"""Share of a target's circles that must be seen."""
+STAGE: Final = "stage angle"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Calibration:
+    """K and δ found in a step.
+
+    Attributes:
+        names: parameter names.
+        values: their values, pixels or dimensionless.
+        adjustment: with the covariances.
+    """
+
+    names: tuple[str, ...]
+    values: Float64Array
+    adjustment: Adjustment
+
+    def contributions(self, k: int, factor: float = 1.0) -> tuple[Contribution, ...]:
+        """What parameter k's uncertainty is made of, times a factor."""
+        found = self.adjustment
+        repeat = factor * math.sqrt(found.repeatability[k, k])
+        return (
+            Contribution("repeatability", repeat, Kind.A, found.dof),
+            *(
+                Contribution(name, factor * math.sqrt(max(part[k, k], 0.0)), Kind.B)
+                for name, part in found.by_group.items()
+            ),
+        )
+
+
+def calibrate(step: StepData) -> Calibration:
+    """Re-calibrate the DUT.
+
+    Raises:
+        NotMeasurableError: no intensities, or an intrinsic target was not seen.
+    """
+    sweep = step.require("intensity")
+    geometry = step.geometry
+    returns = np.maximum(sweep.intensity_returns, 1)
+    counts = sweep.intensity_counts.astype(np.float64).ravel() - step.dut.offset_counts
+    variance = (sweep.intensity_variance / returns).astype(np.float64).ravel()
+    beam = step.derive(power_map).power.ravel()
+    names = free_intrinsics(step.dut.intrinsics)
+    offsets: dict[str, float] = {}
+    for _ in range(MOST_ROUNDS):
+        plan = geometry.derive(circle_plan)
+        if plan is None:
+            raise NotMeasurableError(f"no circle of an intrinsic target fits the image{step.shortfall}")
+        centres = find_centres(plan, counts, variance, beam)
+        for b, board in enumerate(plan.circles.boards):
+            on_board = plan.circles.board == b
+            seen, planned = int(centres.usable[on_board].sum()), int(on_board.sum())
+            if seen < LEAST_SHARE * planned or not planned:
+                raise NotMeasurableError(f"{board}: {seen} of {planned} circles seen{step.shortfall}")
+        found = adjust(plan.circles, centres, step.uncertainty, offsets)
+        offsets = {
+            name: offsets.get(name, 0.0) + offset for name, offset in found.offsets.items() if _is_camera(name)
+        }
+        if found.moved_px < NEAR_PX:
+            break
+        geometry = Geometry(
+            Renderer(_with_offsets(step.dut, offsets), geometry.scene, remembered_angles=1), geometry.stage_angle_deg
+        )
+    values = np.array([getattr(step.dut.intrinsics, name) + offsets[name] for name in names])
+    return Calibration(names=names, values=values, adjustment=found)
+
+
+def _is_camera(name: str) -> bool:
+    return "." not in name or name.startswith("mount.")
+
+
+def _with_offsets(dut: DutSettings, offsets: Mapping[str, float]) -> DutSettings:
+    """The DUT with other intrinsics and another mount."""
+    camera = {name: getattr(dut.intrinsics, name) + value for name, value in offsets.items() if "." not in name}
+    mount = {name.removeprefix("mount."): value for name, value in offsets.items() if name.startswith("mount.")}
+    up_m = mount.pop("up_m")
+    return dut.model_copy(
+        update={
+            "intrinsics": dut.intrinsics.model_copy(update=camera),
+            "mount": dut.mount.model_copy(update={name: getattr(dut.mount, name) + mount[name] for name in mount}),
+            "height_m": dut.height_m + up_m,
+        }
+    )
+
+
+def evaluate(step: StepData) -> list[Measurement]:
+    """K and δ, and their change against the reference."""
+    found = step.derive(calibrate)
+    measured: list[Measurement] = []
+    remark = f"{found.adjustment.circles} circles, residual {found.adjustment.residual_px:.3f} px"
+    for k, name in enumerate(found.names):
+        metric, unit = _kind(name)
+        quantity = Quantity.of(float(found.values[k]), unit, *found.contributions(k))
+        measured.append(step.measured(metric, quantity, scope=name, reason=remark))
+        try:
+            change = _change(step, found, k, name)
+        except NotMeasurableError as reason:
+            attempted = str(reason) != NO_REFERENCE
+            measured.append(step.unmeasured(f"{metric}_change", str(reason), scope=name, attempted=attempted))
+        else:
+            measured.append(step.measured(f"{metric}_change", change, scope=name, relative=True))
+    return measured
+
+
+def remember(step: StepData) -> Mapping[str, npt.NDArray[Any]]:
+    """Parameters and their covariances from repeatability and stage angles."""
+    found = step.derive(calibrate)
+    return {
+        "intrinsics.names": np.array(found.names),
+        "intrinsics.values": found.values,
+        "intrinsics.repeatability": found.adjustment.repeatability,
+        "intrinsics.stage": found.adjustment.by_group[STAGE],
+        "intrinsics.dof": np.array(found.adjustment.dof),
+    }
+
+
+def _kind(name: str) -> tuple[str, str]:
+    if name in FOCAL:
+        return "focal_length", "px"
+    return ("principal_point", "px") if name in PRINCIPAL else ("distortion", "1")
+
+
+def _change(step: StepData, found: Calibration, k: int, name: str) -> Quantity:
+    """Change of one parameter: of a focal length in percent, of the others as a difference."""
+    reference = step.need_reference()
+    names = [str(known) for known in reference.array("intrinsics.names")]
+    if name not in names:
+        raise NotMeasurableError(f"the reference ({reference.identity}) holds no '{name}'")
+    j = names.index(name)
+    then = float(reference.array("intrinsics.values")[j])
+    repeat = float(reference.array("intrinsics.repeatability")[j, j])
+    stage = float(reference.array("intrinsics.stage")[j, j])
+    dof = float(reference.array("intrinsics.dof"))
+    factor, unit = (100.0 / then, "%") if name in FOCAL else (1.0, _kind(name)[1])
+    now = found.adjustment
+    return Quantity.of(
+        factor * (float(found.values[k]) - then),
+        unit,
+        Contribution("repeatability", factor * math.sqrt(now.repeatability[k, k]), Kind.A, now.dof),
+        Contribution("repeatability of the reference", factor * math.sqrt(repeat), Kind.A, dof),
+        Contribution(STAGE, factor * math.sqrt(max(now.by_group[STAGE][k, k], 0.0) + max(stage, 0.0)), Kind.B),
+    )
+
+
+METRIC = Metric(
+    names=(
+        "focal_length",
+        "principal_point",
+        "distortion",
+        "focal_length_change",
+        "principal_point_change",
+        "distortion_change",
+    ),
+    evaluate=evaluate,
+    remember=remember,
+)
