@@ -28,7 +28,6 @@ class Concealment:
     holes: float = 0.0
     with_std: bool = False
     dropped: tuple[str, ...] = ()
-    repeat_gain: float = 1.0
 
 
 @dataclass(slots=True, kw_only=True)
@@ -48,7 +47,7 @@ def shared_scale(sensor: Sensor, sim: Expected, conceal: Concealment) -> dict[st
     scale: dict[str, np.ndarray | None] = {}
     for channel in sensor.channels:
         share, absolute = sensor.repeat[channel]
-        scale[channel] = conceal.repeat_gain * (share * np.abs(sim.mean[channel]) + absolute)
+        scale[channel] = share * np.abs(sim.mean[channel]) + absolute if share or absolute else None
     return scale
 
 

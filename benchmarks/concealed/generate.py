@@ -38,15 +38,18 @@ def write_case(folder: Path, name: str, case: Case) -> dict[str, Any]:
     return {"name": name, **case.truth}
 
 
-def write_batch(folder: Path, seed: int, batch: list[Order]) -> str:
+def write_batch(folder: Path, seed: int, batch: list[Order], *, quiet: bool = False) -> str:
     """Write all cases of a batch and seal the answers; returns the truth file's sha256."""
     truths = []
     for k, order in enumerate(batch):
         rng = np.random.default_rng([seed, k])
         truth = write_case(folder, f"c{k:03d}", make(rng, order))
         truths.append(truth)
-        named = ", ".join(f"{e['effect']} λ {e['lambda']:.1f}" for e in truth["effects"])
-        print(f"{truth['name']}  {truth['kind']:8s} {truth['rows']:6d} rows  {named}", flush=True)
+        if quiet:
+            continue
+        named = ", ".join(f"{e['nature'] or e['effect']} λ {e['lambda']:.1f}" for e in truth["effects"])
+        line = f"{truth['name']}  {truth['kind']:8s} {truth['sensor']:7s} {truth['rows']:6d} rows  {named}"
+        print(line, flush=True)
     text = json.dumps({"seed": seed, "cases": truths}, indent=1, default=float)
     (folder / "truth.json").write_text(text)
     return hashlib.sha256(text.encode()).hexdigest()

@@ -77,6 +77,9 @@ class Order(NamedTuple):
     bands: tuple[str, ...]
 
 
+BY_DIE = ("timing.temperature_offset", "detector.dark_offset", "timing.thermal_lag")
+
+
 def conceal(rng: np.random.Generator, sensor: Sensor, effects: list[Effect]) -> Concealment:
     """Concealment that leaves the effects' own columns in place."""
     needed = {column for e in effects for column in e.needs}
@@ -89,6 +92,9 @@ def conceal(rng: np.random.Generator, sensor: Sensor, effects: list[Effect]) -> 
     dropped = [c for c in sensor.decoys if c not in keep and rng.random() < 0.35]
     dropped += [c for c in sensor.optional if c not in needed and rng.random() < 0.12]
     common = any(e.kind == "common" for e in effects)
+    wrong = any(e.effect in BY_DIE for e in effects) and rng.random() < 0.25
+    if wrong:  # the effect follows the die, but only the housing was logged
+        dropped += ["tof_temperature_c", "fpga_temperature_c"]
     return Concealment(
         repeat="declared" if common else str(rng.choice(["declared", "undeclared", "none"], p=[0.6, 0.25, 0.15])),
         calibration=calibration if effects else str(rng.choice(["none", "none", "global", "pixel"])),
@@ -109,8 +115,21 @@ NULL_DESIGNS = (
 )
 
 
+FOREIGN = (
+    ("point", point_sensor.rail),
+    ("zones", zone_sensor.zones_before_target),
+    ("camera", camera.flat_fields),
+    ("plant", thermal_plant.profiles),
+    ("laser", laser_curve.curves),
+)
+
+
 def _null(rng: np.random.Generator) -> Case:
-    sensor = flash(rng, NULL_DESIGNS[int(rng.integers(len(NULL_DESIGNS)))](rng))
+    if rng.random() < 0.35:
+        name, design = FOREIGN[int(rng.integers(len(FOREIGN)))]
+        sensor = SENSORS[name](rng, design(rng))
+    else:
+        sensor = flash(rng, NULL_DESIGNS[int(rng.integers(len(NULL_DESIGNS)))](rng))
     return build(rng, sensor, [], [], conceal(rng, sensor, []))
 
 
@@ -146,7 +165,7 @@ def _hit(told: dict[str, Any], band: str) -> bool:
 
 def pairs(rng: np.random.Generator, count: int) -> list[Order]:
     """Two effects of different recipes that one design shows: the first recipe's design serves both."""
-    free = [r for r in LIBRARY if r.effect in PAIRABLE]
+    free = [r for r in LIBRARY if r.sensor == "flash" and r.effect in PAIRABLE]
     batch = []
     for _ in range(count):
         while True:
@@ -176,3 +195,19 @@ def orders(rng: np.random.Generator, count: int) -> list[Order]:
         else:
             batch.append(Order("single", (LIBRARY[next(walk)],), (band,)))
     return batch
+
+
+def stated(rng: np.random.Generator, scale: int = 1) -> list[Order]:
+    """The stated sample, `scale` times: every id once, strengths in turn; 14 nulls, 10 pairs, 14 outside the library."""
+    batch: list[Order] = []
+    bands = tuple(BANDS)
+    ids = sorted({recipe.effect for recipe in LIBRARY})
+    for turn in range(scale):
+        for k, name in enumerate(ids):
+            choices = [recipe for recipe in LIBRARY if recipe.effect == name]
+            batch.append(Order("single", (choices[int(rng.integers(len(choices)))],), (bands[(k + turn) % 3],)))
+        batch += [Order("null", (), ())] * 14
+        batch += pairs(rng, 10)
+        strange = rng.permutation(len(UNKNOWN))[:14]
+        batch += [Order("unknown", (UNKNOWN[i],), (bands[(k + turn) % 3],)) for k, i in enumerate(strange)]
+    return [batch[i] for i in rng.permutation(len(batch))]

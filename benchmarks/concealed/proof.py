@@ -1,0 +1,73 @@
+"""The proof: make the stated sample, seal the answers, run the tool as a process, score, print.
+
+`python -m benchmarks.concealed.proof` (or `make proof`). `--set dev` draws other cases, for work on the tool;
+nothing of the tool may be tuned on the set named proof.
+"""
+
+import argparse
+import json
+import shutil
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.concealed.generate import write_batch
+from benchmarks.concealed.plan import stated
+from benchmarks.concealed.run_tool import ask
+from benchmarks.concealed.score import Score, score
+from benchmarks.concealed.summary import as_markdown, as_text, figures
+
+SEEDS = {"dev": 4_017, "proof": 70_921}
+
+
+def run(folder: Path, workers: int) -> list[Score]:
+    """Ask and score every case of a folder."""
+    truths: list[dict[str, Any]] = json.loads((folder / "truth.json").read_text())["cases"]
+    asked = folder / "asked"
+    shutil.rmtree(asked, ignore_errors=True)
+
+    def one(truth: dict[str, Any]) -> Score:
+        mark = score(truth, folder, ask(folder / truth["name"], asked / truth["name"]))
+        said = ", ".join(mark.said) or mark.failed[:100] or "consistent"
+        told = ", ".join(f"{e['effect']} λ {e['lambda']:.0f}" for e in truth["effects"]) or "nothing"
+        good = mark.exact if mark.kind in ("single", "pair") else mark.named
+        print(f"{mark.name} {'+' if good else '-'} {mark.seconds:5.1f} s  {told}  ->  {said}", flush=True)
+        return mark
+
+    with ThreadPoolExecutor(workers) as pool:
+        return list(pool.map(one, truths))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--set", choices=sorted(SEEDS), default="proof")
+    parser.add_argument("--seed", type=int, help="another draw of cases than the set's")
+    parser.add_argument("--scale", type=int, default=1, help="times the stated sample")
+    parser.add_argument("--out", type=Path, default=Path("build/proof"))
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--docs", type=Path, help="write the tables as Markdown to this file")
+    parser.add_argument("--score-only", action="store_true", help="cases lie in --out already")
+    given = parser.parse_args()
+    start, seed = time.perf_counter(), SEEDS[given.set] if given.seed is None else given.seed
+    folder = given.out / f"{given.set}-{seed}"
+    if not given.score_only:
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        batch = stated(np.random.default_rng(seed), given.scale)
+        print("sealed, sha256 of truth.json:", write_batch(folder, seed, batch, quiet=True), flush=True)
+    scores = run(folder, given.workers)
+    lines = figures(scores)
+    minutes = (time.perf_counter() - start) / 60
+    print(f"\n{as_text(lines)}\n\n{len(scores)} cases in {minutes:.1f} minutes")
+    (folder / "scores.json").write_text(json.dumps([asdict(s) for s in scores], indent=1, default=float))
+    if given.docs:
+        heading = f"# Proof on concealed cases\n\nSet `{given.set}`, seed {seed}, {len(scores)} cases."
+        given.docs.write_text(as_markdown(lines, scores, heading))
+
+
+if __name__ == "__main__":
+    main()
