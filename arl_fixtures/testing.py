@@ -18,6 +18,7 @@ import pytest
 from arl_fixtures.bench.bench import Bench
 from arl_fixtures.bench.clock import VirtualClock
 from arl_fixtures.bench.config import load_bench
+from arl_fixtures.devices.dut_status import DutStatus
 from arl_fixtures.devices.interfaces import ChillerStatus, Identity, Reading
 from arl_fixtures.errors import DeviceError
 from arl_fixtures.metrics.block import AngleBlock
@@ -202,6 +203,12 @@ class MockDuts(Mock):
             )
             for serial in serials
         }
+
+
+    def listen(self, duration_s: float) -> Mapping[str, DutStatus]:
+        """Hear nobody."""
+        self._called("listen", duration_s)
+        return {}
 
 
 @pytest.fixture

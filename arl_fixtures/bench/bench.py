@@ -7,12 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol, final
 
-from arl_fixtures.bench.clock import AnyClock
 from arl_fixtures.bench.config import BenchConfig
 from arl_fixtures.bench.control import CascadedControl
 from arl_fixtures.bench.profile import CycleStep
 from arl_fixtures.bench.settle import SettleReport, SettleWatch
-from arl_fixtures.devices.interfaces import Chiller, Reading, Relays, Stage, Thermometer
+from arl_fixtures.devices.dut_status import DutStatus
+from arl_fixtures.devices.interfaces import Chiller, Identity, Reading, Relays, Stage, Thermometer
+from arl_fixtures.devices.port import Clock
 from arl_fixtures.errors import DeviceError, InterlockError
 from arl_fixtures.metrics.block import AngleBlock
 
@@ -33,6 +34,12 @@ class Duts(Protocol):
         stage_angle_deg: float = 0.0,
     ) -> dict[str, AngleBlock]:
         """The first `n_frames` frames of each DUT whose exposure began at or after `not_before_s`."""
+
+    def identify(self) -> Identity:
+        """Who the DUTs say they are."""
+
+    def listen(self, duration_s: float) -> Mapping[str, DutStatus]:
+        """Listen for a while, as a check of the connection; status by serial number."""
 
     def close(self) -> None:
         """Release the sockets."""
@@ -76,7 +83,7 @@ class Bench:
     def __init__(
         self,
         config: BenchConfig,
-        clock: AnyClock,
+        clock: Clock,
         *,
         chiller: Chiller,
         thermometer: Thermometer,

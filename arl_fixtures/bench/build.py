@@ -7,14 +7,14 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Protocol, final, runtime_checkable
 
 from arl_fixtures.bench.bench import Bench, Duts
-from arl_fixtures.bench.clock import AnyClock, RealClock, VirtualClock
+from arl_fixtures.bench.clock import RealClock, VirtualClock
 from arl_fixtures.bench.config import BenchConfig
 from arl_fixtures.bench.drivers import Kind, find_driver, find_emulation
-from arl_fixtures.bench.links import VirtualNetwork, VirtualStreamPort
+from arl_fixtures.bench.links import VirtualDatagramPort, VirtualNetwork, VirtualStreamPort
 from arl_fixtures.bench.ports import UdpPort, open_stream
 from arl_fixtures.bench.profile import CycleStep
 from arl_fixtures.devices.interfaces import Chiller, Relays, Stage, Thermometer
-from arl_fixtures.devices.port import DatagramPort, StreamPort
+from arl_fixtures.devices.port import Clock, DatagramPort, StreamPort
 from arl_fixtures.emulators.device import DatagramDevice
 from arl_fixtures.emulators.faults import FaultBook
 from arl_fixtures.emulators.faulty_wire import FaultyWire
@@ -31,6 +31,23 @@ class Ageing(Protocol):
 
     def enter_step(self, step: int, *, set_temperature_c: float, ramp: int) -> None:
         """The temperature step that begins."""
+
+
+class Lines(Protocol):
+    """Who owns clock and ports: the emulated bench of this process, a lab, or a guard."""
+
+    @property
+    def clock(self) -> Clock:
+        """The bench clock."""
+
+    def port(self, kind: Kind) -> StreamPort:
+        """A port to one of the control lines."""
+
+    def datagrams(self, port: int) -> DatagramPort:
+        """What is sent to a UDP port."""
+
+    def enter_step(self, step: CycleStep) -> None:
+        """A temperature step begins; emulated DUTs must know, hardware does by itself."""
 
 
 CONTROL_LINES: tuple[Kind, ...] = ("chiller", "thermometer", "stage", "relays")
@@ -53,10 +70,24 @@ class Emulated:
         self.duts: tuple[DatagramDevice, ...] = make_duts(config, self.plant)
         self.network = VirtualNetwork(self.duts, clock)
         self._lines = {kind: make_line(config, kind, self.plant) for kind in CONTROL_LINES}
+        self._cycle = -1
 
     def port(self, kind: Kind) -> VirtualStreamPort:
         """A port to one of the control lines."""
         return VirtualStreamPort(f"emulated {kind}", self._lines[kind], self.clock)
+
+    def datagrams(self, port: int) -> VirtualDatagramPort:
+        """What is sent to a UDP port."""
+        return self.network.listen(port)
+
+    def enter_step(self, step: CycleStep) -> None:
+        """Tell the DUTs how old they are and where in the cycle they stand."""
+        for dut in self.duts:
+            if isinstance(dut, Ageing):
+                if step.cycle != self._cycle:
+                    dut.enter_cycle(step.cycle, self.clock.now_s)
+                dut.enter_step(step.index, set_temperature_c=step.set_temperature_c, ramp=step.ramp)
+        self._cycle = step.cycle
 
 
 def make_line(config: BenchConfig, kind: Kind, plant: Plant) -> FaultyWire:
@@ -79,16 +110,19 @@ class Opened:
 
     Args:
         config: the bench file.
+        lines: whoever owns clock and ports (a lab, a guard); by default they are opened here.
     """
 
-    def __init__(self, config: BenchConfig) -> None:
+    def __init__(self, config: BenchConfig, lines: Lines | None = None) -> None:
         self.config = config
-        self.clock: AnyClock
-        self.emulated: Emulated | None = None
+        self.clock: Clock
+        self._lines = lines
         entries = config.devices()
-        if config.clock == "virtual":
-            self.clock = VirtualClock()
-            self.emulated = Emulated(config, self.clock)
+        if self._lines is not None:
+            self.clock = self._lines.clock
+        elif config.clock == "virtual":
+            self._lines = Emulated(config, VirtualClock())
+            self.clock = self._lines.clock
         else:
             emulated = [kind for kind, entry in entries.items() if entry.emulated]
             if emulated:
@@ -98,7 +132,6 @@ class Opened:
                 )
             self.clock = RealClock()
         self._made: dict[Kind, Any] = {}
-        self._cycle = -1
 
     def device(self, kind: Kind) -> Any:  # noqa: ANN401 - each role has its own interface
         """The device in a role.
@@ -142,14 +175,8 @@ class Opened:
 
     def enter_step(self, step: CycleStep) -> None:
         """Tell emulated DUTs how old they are and where in the cycle they stand; hardware knows by itself."""
-        if self.emulated is None:
-            return
-        for dut in self.emulated.duts:
-            if isinstance(dut, Ageing):
-                if step.cycle != self._cycle:
-                    dut.enter_cycle(step.cycle, self.clock.now_s)
-                dut.enter_step(step.index, set_temperature_c=step.set_temperature_c, ramp=step.ramp)
-        self._cycle = step.cycle
+        if self._lines is not None:
+            self._lines.enter_step(step)
 
     def close(self) -> None:
         """Release everything that was opened."""
@@ -165,8 +192,8 @@ class Opened:
         if kind == "duts":
             return driver.make(self._dut_ports(driver.udp_ports(settings)), self.clock, self.config)
         port: StreamPort
-        if self.emulated is not None:
-            port = self.emulated.port(kind)
+        if self._lines is not None:
+            port = self._lines.port(kind)
         else:
             port = open_stream(entry.url, default_baud=driver.default_baud)
         try:
@@ -176,8 +203,8 @@ class Opened:
             raise
 
     def _dut_ports(self, numbers: Mapping[str, int]) -> Mapping[str, DatagramPort]:
-        if self.emulated is not None:
-            return {name: self.emulated.network.listen(number) for name, number in numbers.items()}
+        if self._lines is not None:
+            return {name: self._lines.datagrams(number) for name, number in numbers.items()}
         host = self.config.duts.listen
         opened: dict[str, UdpPort] = {}
         try:
@@ -200,13 +227,17 @@ def open_devices(config: BenchConfig) -> Iterator[Opened]:
         opened.close()
 
 
-def open_bench(config: BenchConfig) -> Bench:
+def open_bench(config: BenchConfig, lines: Lines | None = None) -> Bench:
     """Open every device of a bench.
+
+    Args:
+        config: the bench file.
+        lines: whoever owns clock and ports; by default they are opened here.
 
     Raises:
         DeviceError: some cannot be opened; the message names each, one a line.
     """
-    opened = Opened(config)
+    opened = Opened(config, lines)
     faults = []
     for kind in config.devices():
         try:

@@ -96,8 +96,9 @@ def _duts(opened: Opened) -> tuple[str, str]:
     powered = any(on for load, on in opened.relays.states().items() if load.startswith("dut"))
     if not powered:
         return f"{known}; not powered, so not heard", ""
-    complaints = opened.duts.complaints(LISTEN_S)
-    return f"{known}; {'all heard' if not complaints else ''}", "; ".join(complaints)
+    heard = opened.duts.listen(LISTEN_S)
+    complaints = [f"{serial}: {status.complaint}" for serial, status in heard.items() if status.complaint]
+    return f"{known}; {len(heard) - len(complaints)} heard", "; ".join(complaints)
 
 
 _READERS: dict[str, Callable[[Opened], tuple[str, str]]] = {

@@ -1,1 +1,110 @@
 """The pytest plugin: options, fixtures, one test per temperature step, outcome and reports."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Generator
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import pytest
+
+from arl_fixtures.bench.profile import load_profile
+from arl_fixtures.errors import ArlError
+from arl_fixtures.plugin.allure_output import write_environment
+from arl_fixtures.plugin.fixtures import (
+    bench,
+    bench_files,
+    chiller,
+    clock,
+    cycle_session,
+    duts,
+    relays,
+    stage,
+    step_result,
+    thermometer,
+    twin,
+)
+from arl_fixtures.plugin.options import add_options, allure_folder, read_options
+from arl_fixtures.plugin.outcome import StepFailedError
+from arl_fixtures.plugin.setup import SESSION_KEY, check_files, step_timeout_s
+
+__all__ = [
+    "bench",
+    "bench_files",
+    "chiller",
+    "clock",
+    "cycle_session",
+    "duts",
+    "relays",
+    "stage",
+    "step_result",
+    "thermometer",
+    "twin",
+]
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Declare the bench's options."""
+    add_options(parser)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Declare the markers; end like Ctrl-C on SIGTERM and SIGHUP, which pytest alone would not survive."""
+    config.addinivalue_line("markers", "cycle: a full aging cycle on the bench")
+    if getattr(config, "workerinput", None) is None:
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            if signal.getsignal(number) is signal.SIG_DFL:
+                signal.signal(number, _end_like_ctrl_c)
+
+
+def _end_like_ctrl_c(number: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt(f"signal {signal.Signals(number).name}")
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """One test per temperature step, for every test that asks for `cycle_step`."""
+    if "cycle_step" not in metafunc.fixturenames:
+        return
+    options = read_options(metafunc.config)
+    try:
+        profile = load_profile(options.profile)
+    except ArlError as error:
+        raise pytest.UsageError(str(error)) from None
+    cycles = range(options.first_cycle, options.first_cycle + options.cycles)
+    steps = [step for cycle in cycles for step in profile.steps(cycle)]
+    metafunc.parametrize("cycle_step", steps, ids=[step.id for step in steps], scope="session")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Give every step a limit on the wall clock, so that a hanging bench ends the step."""
+    cycle_items = [item for item in items if item.get_closest_marker("cycle")]
+    if cycle_items and config.option.markexpr and "not cycle" not in config.option.markexpr:
+        try:
+            files = check_files(read_options(config), allure_folder(config))
+        except ArlError as error:
+            raise pytest.UsageError(str(error)) from None
+        config.stash[SESSION_KEY] = files
+        for item in cycle_items:
+            if not item.get_closest_marker("timeout"):
+                item.add_marker(pytest.mark.timeout(step_timeout_s(files)))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Show what we raise on purpose as its message, without a traceback."""
+    report = yield
+    error: Any = call.excinfo.value if call.excinfo else None
+    if isinstance(error, (ArlError, StepFailedError)) and item.get_closest_marker("cycle"):
+        report.longrepr = str(error)
+    return report
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Leave Allure's environment and categories beside its results."""
+    files = session.config.stash.get(SESSION_KEY, None)
+    if files is not None and files.allure_folder and Path(files.allure_folder).is_dir():
+        write_environment(Path(files.allure_folder), files)

@@ -9,12 +9,12 @@ import pytest
 
 from arl_fixtures.bench.bench import Bench, Duts
 from arl_fixtures.bench.build import open_bench
-from arl_fixtures.bench.clock import AnyClock
 from arl_fixtures.bench.profile import CycleStep
 from arl_fixtures.devices.interfaces import Chiller, Relays, Stage, Thermometer
+from arl_fixtures.devices.port import Clock
 from arl_fixtures.errors import ArlError
 from arl_fixtures.plugin.cycle import CycleSession
-from arl_fixtures.plugin.options import read_options
+from arl_fixtures.plugin.options import allure_folder, read_options
 from arl_fixtures.plugin.setup import SESSION_KEY, SessionFiles, check_files
 from arl_fixtures.plugin.step_runner import StepResult
 from arl_fixtures.twin.frame import Renderer
@@ -24,7 +24,7 @@ from arl_fixtures.twin.frame import Renderer
 def bench_files(pytestconfig: pytest.Config) -> SessionFiles:
     """Bench, profile and limits of the session, checked."""
     if SESSION_KEY not in pytestconfig.stash:
-        pytestconfig.stash[SESSION_KEY] = check_files(read_options(pytestconfig))
+        pytestconfig.stash[SESSION_KEY] = check_files(read_options(pytestconfig), allure_folder(pytestconfig))
     return pytestconfig.stash[SESSION_KEY]
 
 
@@ -44,7 +44,7 @@ def bench(request: pytest.FixtureRequest, bench_files: SessionFiles) -> Iterator
 
 
 @pytest.fixture(scope="session")
-def clock(bench: Bench) -> AnyClock:
+def clock(bench: Bench) -> Clock:
     """The bench clock, real or virtual."""
     return bench.clock
 

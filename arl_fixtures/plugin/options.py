@@ -69,3 +69,8 @@ def read_options(config: pytest.Config) -> Options:
 def _here(config: pytest.Config, name_or_path: str) -> str:
     is_file = name_or_path.endswith((".yaml", ".yml"))
     return str(config.rootpath / name_or_path) if is_file else name_or_path
+
+
+def allure_folder(config: pytest.Config) -> str:
+    """Where Allure results go; empty when they are not collected."""
+    return str(config.getoption("--alluredir", default=None) or "")

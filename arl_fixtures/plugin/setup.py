@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
 import pytest
@@ -28,6 +27,7 @@ class SessionFiles:
         options: as given.
         bench, profile, limits: the files' content.
         hashes: SHA-256 of `bench`, `profile`, `limits`.
+        allure_folder: where Allure results go; empty when they are not collected.
     """
 
     options: Options
@@ -35,12 +35,13 @@ class SessionFiles:
     profile: Profile
     limits: LimitSet
     hashes: Mapping[str, str]
+    allure_folder: str = ""
 
 
 SESSION_KEY: Final = pytest.StashKey[SessionFiles]()
 
 
-def check_files(options: Options) -> SessionFiles:
+def check_files(options: Options, allure_folder: str = "") -> SessionFiles:
     """Read bench, profile and limits.
 
     Raises:
@@ -52,6 +53,7 @@ def check_files(options: Options) -> SessionFiles:
     check_metrics(limits, metric_names(), options.limits)
     return SessionFiles(
         options=options,
+        allure_folder=allure_folder,
         bench=bench,
         profile=profile,
         limits=limits,

@@ -152,7 +152,7 @@ class StepRunner:
         conditions: Conditions,
         *,
         expected_angles: int,
-        faults: Sequence[str] = (),
+        faults: Mapping[str, str] | None = None,
     ) -> dict[str, StepData]:
         """What the metrics get of each DUT; the same from a live sweep and from a bag."""
         data = {}
