@@ -64,7 +64,7 @@ def _fit_pattern(
         return None
     null = parameter.null if parameter.null is not None else 0.0
     step = 0.1 * parameter.typical
-    uniform = {key: null + step for key in keys}
+    uniform = dict.fromkeys(keys, null + step)
     term = Term(effect=effect, variant=variant, values=default_values(variant), fields={parameter.name: uniform})
     moved = forward([*terms, term], view)
     names = [d for d in problem.data if moved[d.channel.name] is not base[d.channel.name]]

@@ -1,0 +1,152 @@
+"""`arl reconcile TABLE --out DIR` and `arl predict DIR TABLE --out FILE`."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+
+import click
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from arl_fixtures.errors import ArlError, DataError
+from arl_fixtures.reconcile.columns import Columns, FloatArray
+from arl_fixtures.reconcile.diagnosis import Diagnosis
+from arl_fixtures.reconcile.localise import write_localisation
+from arl_fixtures.reconcile.model_file import corrected_state, read_model, terms_of, write_model
+from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.report_json import write_json
+from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.search import Progress as ProgressCall
+from arl_fixtures.reconcile.table import load_table, open_table, sha256_of
+from arl_fixtures.reconcile.view import View
+
+CHUNK = 250_000
+
+
+def reconcile(table_path: Path, out_dir: Path, progress: ProgressCall | None = None) -> Diagnosis:
+    """Compare a table and write `diagnosis.json`, `diagnosis.html`, `model.yaml` and `localisation.parquet`.
+
+    The folder appears as a whole or not at all.
+
+    Raises:
+        DataError: the table cannot be used, or the folder cannot be written.
+    """
+    table_path, out_dir = Path(table_path), Path(out_dir)
+    if out_dir.exists() and not out_dir.is_dir():
+        raise DataError(f"{out_dir}: is a file; expected a folder to write into")
+    columns = load_table(table_path)
+    rows = open_table(table_path).metadata.num_rows
+    diagnosis, model, _ = diagnose(columns, sha256=sha256_of(table_path), rows=rows, progress=progress)
+    if progress is not None:
+        progress("writing", 0.92)
+    try:
+        out_dir.parent.mkdir(parents=True, exist_ok=True)
+        work = Path(tempfile.mkdtemp(prefix=f".{out_dir.name}.", dir=out_dir.parent))
+    except OSError as error:
+        raise DataError(f"{out_dir}: cannot be written ({error.strerror})") from None
+    try:
+        write_json(work / "diagnosis.json", diagnosis)
+        write_model(work / "model.yaml", model)
+        if rows != columns.n:
+            columns = load_table(table_path, limit=rows)
+        write_localisation(work / "localisation.parquet", columns, model, diagnosis.findings)
+        out_dir.mkdir(exist_ok=True)
+        for file in sorted(work.iterdir()):
+            file.replace(out_dir / file.name)
+    except OSError as error:
+        raise DataError(f"{out_dir}: cannot be written ({error.strerror})") from None
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+    if progress is not None:
+        progress("done", 1.0)
+    return diagnosis
+
+
+def predict(model_dir: Path, table_path: Path, out_file: Path) -> None:
+    """Write the corrected simulation of a table's rows, in their order.
+
+    Raises:
+        ConfigError: there is no usable `model.yaml`.
+        DataError: the table lacks a column that the model needs, or cannot be read.
+    """
+    model_path = Path(model_dir) / "model.yaml"
+    model = read_model(model_path)
+    out_file = Path(out_file)
+    columns = load_table(Path(table_path), for_prediction=True, limit=1 << 62)
+    names = [c.name for c in columns.channels if c.role is not Role.SCATTER]
+    wanted = sorted({c for item in model.effects for c in item.channels} & {f"{n}_std" for n in names})
+    pieces: dict[str, list[FloatArray]] = {}
+    for start in range(0, columns.n, CHUNK):
+        view = View(columns, None if columns.n <= CHUNK else np.arange(start, min(start + CHUNK, columns.n)))
+        state = corrected_state(model, terms_of(model, view, model_path), view)
+        for name in [*names, *wanted, *_scatter_channels(columns)]:
+            if name in state:
+                pieces.setdefault(f"corrected_{name}", []).append(state[name])
+    table = pa.table({name: np.concatenate(parts) for name, parts in pieces.items()})
+    try:
+        out_file.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=out_file.parent, prefix=f".{out_file.name}.", delete=False) as stream:
+            pq.write_table(table, stream)
+        Path(stream.name).replace(out_file)
+    except OSError as error:
+        raise DataError(f"{out_file}: cannot be written ({error.strerror})") from None
+
+
+def _scatter_channels(columns: Columns) -> list[str]:
+    """Scatter columns to predict: wherever the simulation states one that may be measured."""
+    return [
+        f"{c.name}_std" for c in columns.channels
+        if c.role is not Role.SCATTER and f"sim_{c.name}_std" in columns.numbers
+    ]  # fmt: skip
+
+
+class _Bar:
+    """Progress on a terminal; silent elsewhere."""
+
+    def __init__(self) -> None:
+        self._bar = Progress(
+            TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn(), transient=True,
+            console=Console(stderr=True), disable=not Console(stderr=True).is_terminal,
+        )  # fmt: skip
+        self._task = self._bar.add_task("reading", total=1.0)
+
+    def __enter__(self) -> ProgressCall:
+        self._bar.start()
+        return lambda text, share: self._bar.update(self._task, description=text, completed=share)
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+
+@click.command("reconcile")
+@click.argument("table", type=click.Path(path_type=Path))
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for the diagnosis.")
+def reconcile_command(table: Path, out: Path) -> None:
+    """Find and name what the simulation left out of an observation TABLE."""
+    try:
+        with _Bar() as progress:
+            diagnosis = reconcile(table, out, progress)
+    except ArlError as error:
+        click.echo(str(error), err=True)
+        raise SystemExit(2) from None
+    click.echo(f"{diagnosis.verdict} ({diagnosis.rows} rows, {', '.join(diagnosis.channels)})")
+    for finding in diagnosis.findings:
+        click.echo(f"- {finding.effect}: {finding.statement}")
+
+
+@click.command("predict")
+@click.argument("model", type=click.Path(path_type=Path))
+@click.argument("table", type=click.Path(path_type=Path))
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Parquet file to write.")
+def predict_command(model: Path, table: Path, out: Path) -> None:
+    """Apply the model found in folder MODEL to the rows of TABLE."""
+    try:
+        predict(model, table, out)
+    except ArlError as error:
+        click.echo(str(error), err=True)
+        raise SystemExit(2) from None

@@ -1,0 +1,76 @@
+"""The whole comparison: table in, diagnosis out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import Columns
+from arl_fixtures.reconcile.decide import Decision, is_structure
+from arl_fixtures.reconcile.diagnosis import Diagnosis
+from arl_fixtures.reconcile.effect import Effect
+from arl_fixtures.reconcile.library import library
+from arl_fixtures.reconcile.model_file import ModelFile, model_of, unit_keys
+from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.search import Found, Progress, Search
+
+CONSTANT_Z = 3.5
+
+
+def diagnose(
+    columns: Columns, *, sha256: str = "", rows: int | None = None, effects: Sequence[Effect] | None = None,
+    progress: Progress | None = None,
+) -> tuple[Diagnosis, ModelFile, Decision]:  # fmt: skip
+    """Compare a table's measured and simulated values.
+
+    Args:
+        columns: the table (or the part of it that fits into memory).
+        sha256, rows: of the file, for the report.
+        effects: library to use; all installed effects where None.
+        progress: called with a sentence and the share done.
+    """
+    known = list(library().values()) if effects is None else list(effects)
+    search = Search(columns, known, progress)
+    found = search.run()
+    decision = Decision(search, found, known)
+    findings, fits = decision.run()
+    constants = constants_of(decision) if findings else {}
+    diagnosis = Diagnosis(
+        sha256=sha256, rows=columns.n if rows is None else rows, channels=[d.channel.name for d in found.problem.data],
+        false_alarm_probability=_chance_of(found), findings=findings, fit=fits, constants=constants,
+        notes=dict(columns.ignored),
+    )  # fmt: skip
+    relative = tuple(
+        d.channel.name for d in found.problem.data if d.channel.role in {Role.INTENSITY, Role.SCATTER}
+    )  # fmt: skip
+    return diagnosis, model_of(diagnosis, found.problem.groups.unit_columns, relative), decision
+
+
+def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
+    """Gain or offset of each unit that the fit needs beside the findings, where it is significant."""
+    problem = decision.problem
+    state = decision.final_state()
+    result: dict[str, dict[str, float]] = {}
+    code, keys = unit_keys(problem.view, problem.groups.unit_columns)
+    for d in problem.data:
+        if not d.calibrated:
+            continue
+        values = d.constants_of(d.whitener(d.residual(state)))
+        z = np.abs(values) * np.sqrt(d.intercept_weight)
+        found: dict[str, float] = {}
+        for unit in range(d.units):
+            first = d.use[np.flatnonzero(d.unit == unit)[0]]
+            if z[unit] > CONSTANT_Z and np.isfinite(z[unit]):
+                found[keys[code[first]]] = float(values[unit])
+        if found:
+            result[d.channel.name] = found
+    return result
+
+
+def _chance_of(found: Found) -> float:
+    """Probability of the verdict's evidence without any mismatch, over all searches made."""
+    p = found.stages[0].p_value if found.stages else 1.0
+    if any(is_structure(s) for s in found.before.values()):
+        p = min(p, 1e-3)
+    return float(np.clip(p, 0.0, 1.0))
