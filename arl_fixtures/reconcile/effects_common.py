@@ -101,28 +101,49 @@ def age_drivers(view: View) -> tuple[str, ...]:
 
 
 def reference(view: View, column: str) -> float:
-    """Value of a driver at which its effect is nil: 25 °C where the table's temperatures hold it, else the median."""
+    """Value of a driver at which its effect is nil.
+
+    25 °C where the table's temperatures hold it; the start for a column that counts age; else the median.
+
+    To be kept in a variant's options: the model must predict tables whose statistics differ.
+    """
     low, high = view.span(column)
-    return _ROOM_C if unit_of(column) == "°C" and low <= _ROOM_C <= high else view.middle(column)
+    if column == "time_s" or column in _CALENDAR or suffix(column) == "h":
+        return float(low)
+    return _ROOM_C if unit_of(column) == "°C" and low <= _ROOM_C <= high else rounded(view.middle(column))
 
 
-def excess(view: View, column: str) -> FloatArray:
-    """Driver minus its reference, zero where it was not logged."""
-    return per_view(view, ("excess", column), lambda: np.nan_to_num(view.number(column) - reference(view, column)))
+def rounded(value: float) -> float:
+    """Six significant digits, for references that stand in options."""
+    return float(f"{value:.6g}")
 
 
-def half_span(view: View, column: str) -> float:
-    """Half of a driver's range over the table; 1 where it does not vary."""
+def span(view: View, column: str) -> float:
+    """Range of a driver over the table, 1 where it does not vary."""
     low, high = view.span(column)
-    return (high - low) / 2.0 if high > low else 1.0
+    return rounded(high - low) if high > low else 1.0
 
 
-def age(view: View, column: str) -> FloatArray:
-    """Age from 0 at the table's first value of `column` to 1 at its last."""
+def above(view: View, column: str, origin: float) -> FloatArray:
+    """Driver minus `origin`, zero where it was not logged."""
+    return per_view(view, ("above", column, origin), lambda: np.nan_to_num(view.number(column) - origin))
+
+
+def excess(view: View, variant: Variant, column: str) -> FloatArray:
+    """Driver minus the reference in the variant's options, zero where it was not logged."""
+    return above(view, column, float(variant.options["reference"]))
+
+
+def aged(view: View, variant: Variant, column: str) -> FloatArray:
+    """Age: 0 at the options' `first`, 1 at their `last`; not negative."""
+    first, last = float(variant.options["first"]), float(variant.options["last"])
+    return np.maximum(above(view, column, first) / (last - first), 0.0)
+
+
+def age_options(view: View, column: str) -> dict[str, float]:
+    """Options that `aged` needs."""
     low, high = view.span(column)
-    return per_view(
-        view, ("age", column), lambda: np.nan_to_num((view.number(column) - low) / max(high - low, 1e-300))
-    )
+    return {"first": float(low), "last": float(high)}
 
 
 def unit_per(column: str, unit: str = "1") -> str:

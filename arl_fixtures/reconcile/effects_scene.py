@@ -15,7 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effect import State
-from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, set_light, signals
+from arl_fixtures.reconcile.effects_common import (
+    distances,
+    light_channels,
+    per_table,
+    per_view,
+    set_light,
+    signals,
+)
 from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]
@@ -24,6 +31,7 @@ IntArray = NDArray[np.int64]
 _SAMPLE = 30_000
 _DEGREE = 4
 _FINEST_DEG = 0.05
+_CELLS = 2_000_000
 _GOOD_REST = 0.05
 
 
@@ -140,14 +148,6 @@ def illumination(view: View, channel: str) -> Illumination | None:
 
 
 @dataclass(frozen=True, slots=True)
-class _Curves:
-    """Knots of every row's curve on one axis: `key = row · stride + bearing`."""
-
-    key: FloatArray
-    values: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
 class Scene:
     """The simulated scene as curves over bearing.
 
@@ -156,6 +156,7 @@ class Scene:
         line: curve that a row lies on (an image row of one DUT).
         above, below: curve of the image row with the next higher and next lower elevation, −1 where there is none.
         pitch_deg: elevation between image rows.
+        step_deg: bearing between points of a curve.
         sign: +1 where bearing = azimuth + stage angle, −1 where it is azimuth − stage angle.
     """
 
@@ -164,9 +165,9 @@ class Scene:
     above: IntArray
     below: IntArray
     pitch_deg: float
-    stride: float
+    step_deg: float
     sign: float
-    curves: dict[str, _Curves]
+    curves: dict[str, FloatArray]
 
 
 def log_profile(view: View, channel: str) -> FloatArray:
@@ -200,14 +201,14 @@ def _make_scene(view: View) -> Scene | None:
             sign = -1.0
     bearing = az + sign * stage
     bearing = bearing - bearing.min()
-    stride = float(bearing.max()) * 2.0 + 100.0
     lines = int(line.max()) + 1
+    step = max(_FINEST_DEG, float(bearing.max()) * lines / _CELLS)
     height = np.bincount(line, el, lines) / np.maximum(np.bincount(line, minlength=lines), 1)
     device = np.zeros(lines, dtype=np.int64)
     device[line] = table.group("dut")
     above, below, pitch = _stacked(height, device)
-    curves = {name: _knots(line, bearing, values, stride) for name, values in flat.items()}
-    return Scene(bearing, line, above, below, pitch, stride, sign, curves)
+    curves = {name: _curves(line, bearing / step, values, lines) for name, values in flat.items()}
+    return Scene(bearing, line, above, below, pitch, step, sign, curves)
 
 
 def _flattened(view: View, name: str, el: FloatArray) -> FloatArray:
@@ -243,46 +244,64 @@ def _stacked(height: FloatArray, device: IntArray) -> tuple[IntArray, IntArray, 
     return above, below, float(np.median(gaps)) if gaps.size else 0.0
 
 
-def _knots(line: IntArray, bearing: FloatArray, values: FloatArray, stride: float) -> _Curves:
+def _curves(line: IntArray, place: FloatArray, values: FloatArray, lines: int) -> FloatArray:
+    """Every line's curve on a regular grid, linear between the means of the samples that fall on one grid point."""
     good = np.flatnonzero(np.isfinite(values))
-    bins = np.round(bearing[good] / _FINEST_DEG).astype(np.int64)
-    width = int(bins.max()) + 1 if bins.size else 1
-    _, inverse, count = np.unique(line[good] * width + bins, return_inverse=True, return_counts=True)
-    key = line[good] * stride + bearing[good]
-    return _Curves(np.bincount(inverse, key) / count, np.bincount(inverse, values[good]) / count)
+    width = int(np.ceil(place.max())) + 2
+    cell = line[good] * width + np.rint(place[good]).astype(np.int64)
+    count = np.bincount(cell, minlength=lines * width)
+    at = np.bincount(cell, place[good], lines * width)
+    total = np.bincount(cell, values[good], lines * width)
+    grid = np.full((lines, width), np.nan)
+    points = np.arange(width, dtype=float)
+    for index in range(lines):
+        part = slice(index * width, (index + 1) * width)
+        known = np.flatnonzero(count[part])
+        if known.size:
+            weight = count[part][known]
+            grid[index] = np.interp(points, at[part][known] / weight, total[part][known] / weight)
+    return grid
 
 
-def _look(found: Scene, name: str, line: IntArray, bearing: FloatArray) -> FloatArray:
-    """Curve value; beyond a curve's ends its last value (keys of other lines are far away, so bounds are by line)."""
-    curve = found.curves[name]
-    if curve.key.size == 0:
-        return np.zeros(line.size)
-    first = np.searchsorted(curve.key, line * found.stride - 0.25 * found.stride)
-    last = np.searchsorted(curve.key, line * found.stride + 0.75 * found.stride) - 1
-    empty = last < first
-    low = curve.key[np.minimum(first, curve.key.size - 1)]
-    high = curve.key[np.maximum(last, 0)]
-    wanted = np.clip(line * found.stride + bearing, np.minimum(low, high), high)
-    value = np.interp(wanted, curve.key, curve.values)
-    return np.where(empty, np.nan, value)
+def _look(found: Scene, line: IntArray, bearing: FloatArray) -> dict[str, FloatArray]:
+    """All curves at the rows' line and bearing; beyond a curve's ends its last value."""
+    width = next(iter(found.curves.values())).shape[1]
+    place = np.clip(bearing * (1.0 / found.step_deg), 0.0, width - 1.001)
+    low: IntArray = place.astype(np.int64)
+    part = place - low
+    low += line * width
+    seen = {}
+    for name, grid in found.curves.items():
+        values = grid.ravel()
+        left = values[low]
+        seen[name] = left + part * (values[low + 1] - left)
+    return seen
 
 
-def _at(found: Scene, name: str, view: View, turn: FloatArray | float, lift: FloatArray | float) -> FloatArray:
-    """Flattened channel at the rows' bearing + turn and elevation + lift (degrees)."""
-    line = found.line[view.rows]
-    bearing = found.bearing[view.rows] + turn
-    own = _look(found, name, line, bearing)
+def _at(found: Scene, view: View, turn: FloatArray | float, lift: FloatArray | float) -> dict[str, FloatArray]:
+    """Flattened channels at the rows' bearing + turn and elevation + lift (degrees)."""
+    line, bearing = per_view(view, "scene place", lambda: (found.line[view.rows], found.bearing[view.rows]))
+    own = _look(found, line, bearing + turn)
     if found.pitch_deg == 0.0 or not np.any(lift):
         return own
-    rows = np.broadcast_to(np.asarray(lift) / found.pitch_deg, own.shape)
+    rows = np.broadcast_to(np.asarray(lift) / found.pitch_deg, bearing.shape)
     other = np.where(rows > 0.0, found.above[line], found.below[line])
-    beyond = _look(found, name, np.where(other < 0, line, other), bearing)
-    mixed = own + np.minimum(np.abs(rows), 2.0) * (beyond - own)
-    return np.where(np.isfinite(mixed), mixed, own)
+    beyond = _look(found, np.where(other < 0, line, other), bearing + turn)
+    share = np.minimum(np.abs(rows), 2.0)
+    for name, values in own.items():
+        mixed = values + share * (beyond[name] - values)
+        own[name] = np.where(np.isfinite(mixed), mixed, values)
+    return own
 
 
-def _here(found: Scene, name: str, view: View) -> FloatArray:
-    return per_view(view, ("scene here", name), lambda: _at(found, name, view, 0.0, 0.0))
+def _here(found: Scene, view: View) -> dict[str, FloatArray]:
+    return per_view(view, "scene here", lambda: _at(found, view, 0.0, 0.0))
+
+
+def scanned_channels(view: View) -> tuple[str, ...]:
+    """Channels that move when a ray points elsewhere."""
+    lit = [name for channel in signals(view) for name in light_channels(view, channel)]
+    return tuple(dict.fromkeys([*distances(view), *lit]))
 
 
 def point_elsewhere(
@@ -302,15 +321,15 @@ def point_elsewhere(
         beam_turns: whether the illumination goes with the ray (a turned sensor) or stays (a changed lens).
     """
     found = scene(view)
-    if found is None:
+    if found is None or not found.curves:
         return
     el = elevation(view)
+    before, after = _here(found, view), _at(found, view, turn, lift)
     changed = np.cos(np.radians(el + lift)) / np.cos(np.radians(el))
     for name in found.curves:
         if name not in state:
             continue
-        here = _here(found, name, view)
-        there = _at(found, name, view, turn, lift)
+        here, there = before[name], after[name]
         if name in distances(view):
             moved = (there / changed - here) / np.cos(np.radians(el))
             state[name] = state[name] + np.where(np.isfinite(moved), moved, 0.0)

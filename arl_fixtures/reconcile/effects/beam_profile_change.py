@@ -10,15 +10,17 @@ from arl_fixtures.reconcile.effect import Stage, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     LightFactor,
-    age,
     age_drivers,
+    age_options,
+    aged,
     amplitude,
     excess,
-    half_span,
     light_channels,
     percent,
+    reference,
     shape,
     signals,
+    span,
     temperature_drivers,
 )
 from arl_fixtures.reconcile.effects_scene import azimuth, elevation, illumination, log_profile
@@ -57,7 +59,7 @@ class ProfileChange(LightFactor):
                         parameters.append(shape("order", "1", 1.5, 8.0, 3.0))
                     yield Variant(
                         effect=self.id,
-                        options={"channel": channel, "kind": kind, "driver": driver},
+                        options={"channel": channel, "kind": kind, "driver": driver, **_scale(view, driver)},
                         parameters=tuple(parameters),
                         channels=light_channels(view, channel),
                         drivers=(*((driver,) if driver else ()), *rays),
@@ -71,7 +73,7 @@ class ProfileChange(LightFactor):
             return np.ones(view.n)
         az, el = azimuth(view), elevation(view)
         driver = str(variant.options["driver"])
-        size = _size(view, driver)
+        size = _size(view, variant, driver)
         if variant.options["kind"] == "edge":
             order = float(values["order"])
             loss = float(values.get("edge_az", 0.0)) * np.abs(az / profile.reach_az) ** order
@@ -85,7 +87,7 @@ class ProfileChange(LightFactor):
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel, driver = variant.options["channel"], variant.options["driver"]
-        grown = f", both * {driver} (-1 ... +1 or 0 ... 1 over its range)" if driver else ""
+        grown = f", both grow with {driver} (given for its whole range)" if driver else ""
         if variant.options["kind"] == "edge":
             return f"{channel} *= exp(-edge_az * |az / edge|^order - edge_el * |el / edge|^order){grown}"
         return (
@@ -109,9 +111,17 @@ class ProfileChange(LightFactor):
         return "Picture the beam on a screen with an infrared camera: the receiver's vignetting is not on it."
 
 
-def _size(view: View, driver: str) -> FloatArray | float:
+def _scale(view: View, driver: str) -> dict[str, float]:
+    if not driver:
+        return {}
+    if driver in age_drivers(view):
+        return age_options(view, driver)
+    return {"reference": reference(view, driver), "range": span(view, driver)}
+
+
+def _size(view: View, variant: Variant, driver: str) -> FloatArray | float:
     if not driver:
         return 1.0
-    if driver in age_drivers(view):
-        return age(view, driver)
-    return excess(view, driver) / half_span(view, driver)
+    if "first" in variant.options:
+        return aged(view, variant, driver)
+    return excess(view, variant, driver) / float(variant.options["range"])

@@ -15,7 +15,9 @@ from arl_fixtures.reconcile.effects_common import (
     excess,
     light_channels,
     percent,
+    reference,
     signals,
+    span,
     temperature_drivers,
     unit_per,
 )
@@ -39,13 +41,17 @@ class ProfileShift(LightFactor):
                 continue
             temperatures = temperature_drivers(view, "laser_temperature_c", "housing_temperature_c", limit=2)
             for driver in ("", *temperatures, *age_drivers(view)[:2]):
-                span = np.subtract(*view.span(driver)[::-1]) if driver else 1.0
+                wide = span(view, driver) if driver else 1.0
                 unit = unit_per(driver, "deg") if driver else "deg"
                 yield Variant(
                     effect=self.id,
-                    options={"channel": channel, "driver": driver},
+                    options={
+                        "channel": channel,
+                        "driver": driver,
+                        "reference": reference(view, driver) if driver else 0.0,
+                    },
                     parameters=tuple(
-                        amplitude(name, unit, -10.0 / span, 10.0 / span, 0.3 / span)
+                        amplitude(name, unit, -10.0 / wide, 10.0 / wide, 0.3 / wide)
                         for name, column in (("shift_az", "azimuth_deg"), ("shift_el", "elevation_deg"))
                         if view.varies(column)
                     ),
@@ -61,7 +67,7 @@ class ProfileShift(LightFactor):
             return np.ones(view.n)
         az, el = azimuth(view), elevation(view)
         driver = str(variant.options["driver"])
-        size = excess(view, driver) if driver else 1.0
+        size = excess(view, variant, driver) if driver else 1.0
         turned = profile.log(
             az - float(values.get("shift_az", 0.0)) * size, el - float(values.get("shift_el", 0.0)) * size
         )
@@ -70,7 +76,7 @@ class ProfileShift(LightFactor):
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel, driver = variant.options["channel"], variant.options["driver"]
-        grown = f" * ({driver} - reference)" if driver else ""
+        grown = f" * ({driver} - {variant.options['reference']})" if driver else ""
         return (
             f"{channel} *= B(azimuth_deg - shift_az{grown}, elevation_deg - shift_el{grown}) / B(azimuth_deg, "
             "elevation_deg), B the simulated beam"

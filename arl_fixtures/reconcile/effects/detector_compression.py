@@ -7,7 +7,15 @@ from collections.abc import Iterable
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
-from arl_fixtures.reconcile.effects_common import amplitude, set_response, shape, signals, top_signal, with_scatter
+from arl_fixtures.reconcile.effects_common import (
+    amplitude,
+    rounded,
+    set_response,
+    shape,
+    signals,
+    top_signal,
+    with_scatter,
+)
 from arl_fixtures.reconcile.view import View
 
 
@@ -29,7 +37,7 @@ class Compression(Effect):
         for channel in signals(view):
             yield Variant(
                 effect=self.id,
-                options={"channel": channel},
+                options={"channel": channel, "top": rounded(top_signal(view, channel))},
                 parameters=(
                     amplitude("strength", "1", 0.0, 20.0, 0.2),
                     shape("sharpness", "1", 0.5, 12.0, 1.5, 5.0),
@@ -42,7 +50,7 @@ class Compression(Effect):
         """Bends the signal; its scatter shrinks with the local slope."""
         channel, power = str(variant.options["channel"]), float(values["sharpness"])
         light = state[channel]
-        filled = np.clip(values["strength"] * light / top_signal(view, channel), 0.0, 1e4)
+        filled = np.clip(values["strength"] * light / float(variant.options["top"]), 0.0, 1e4)
         grown = np.log1p(filled**power)
         bent = np.exp(-grown / power)
         set_response(state, channel, light * bent, bent * np.exp(-grown))
@@ -50,12 +58,14 @@ class Compression(Effect):
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel = variant.options["channel"]
-        return f"{channel} /= (1 + (strength * {channel} / top)^sharpness)^(1/sharpness), top = strongest simulated"
+        return (
+            f"{channel} /= (1 + (strength * {channel} / top)^sharpness)^(1/sharpness), top = {variant.options['top']}"
+        )
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Loss at the strongest signal and knee."""
         channel = str(variant.options["channel"])
-        top, power, strength = top_signal(view, channel), float(values["sharpness"]), float(values["strength"])
+        top, power, strength = float(variant.options["top"]), float(values["sharpness"]), float(values["strength"])
         lost = -np.expm1(-np.log1p(strength**power) / power) * 100.0
         knee = top / max(strength, 1e-9)
         return (

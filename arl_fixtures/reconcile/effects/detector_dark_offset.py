@@ -8,8 +8,10 @@ import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
+    above,
     amplitude,
     noise_law,
+    rounded,
     shape,
     signals,
     temperature_drivers,
@@ -50,7 +52,7 @@ class DarkOffset(Effect):
                     parameters.append(shape("shot", f"{unit}^2/{unit}", 0.0, 20.0 * start, start))
                 yield Variant(
                     effect=self.id,
-                    options={"channel": channel, "temperature": column},
+                    options={"channel": channel, "temperature": column, "highest": _highest(view, column)},
                     parameters=tuple(parameters),
                     channels=with_scatter(view, channel),
                     drivers=(column,) if column else (f"sim_{channel}",),
@@ -61,8 +63,8 @@ class DarkOffset(Effect):
         channel, column = str(variant.options["channel"]), str(variant.options["temperature"])
         added = np.full(view.n, float(values["dark"]))
         if column:
-            colder = np.nan_to_num(view.number(column) - view.span(column)[1])
-            added = added * np.exp2(np.clip(colder / values["doubling"], -200.0, 0.0))
+            colder = above(view, column, float(variant.options["highest"]))
+            added = added * np.exp2(np.clip(colder / float(values["doubling"]), -200.0, 8.0))
         state[channel] = state[channel] + added
         scatter = f"{channel}_std"
         if scatter in state:
@@ -73,7 +75,10 @@ class DarkOffset(Effect):
         channel, column = variant.options["channel"], variant.options["temperature"]
         if not column:
             return f"{channel} += dark; {channel}_std^2 += shot * dark"
-        return f"{channel} += dark * 2^(({column} - highest) / doubling); {channel}_std^2 += shot * added"
+        return (
+            f"{channel} += dark * 2^(({column} - {variant.options['highest']}) / doubling); {channel}_std^2 += shot "
+            "* added"
+        )
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Counts at the hottest, doubling."""
@@ -81,7 +86,7 @@ class DarkOffset(Effect):
         if not column:
             return f"A dark signal adds {values['dark']:.3g} {unit_of(channel)} everywhere."
         return (
-            f"A dark signal adds {values['dark']:.3g} {unit_of(channel)} at {view.span(column)[1]:.0f} °C of "
+            f"A dark signal adds {values['dark']:.3g} {unit_of(channel)} at {variant.options['highest']:.0f} °C of "
             f"{column}, "
             f"doubling every {values['doubling']:.1f} K."
         )
@@ -89,3 +94,7 @@ class DarkOffset(Effect):
     def next_experiment(self, variant: Variant) -> str:
         """What tells it from glare."""
         return "Cover the window and repeat the hottest step: a dark signal stays, glare and gain errors vanish."
+
+
+def _highest(view: View, column: str) -> float:
+    return rounded(view.span(column)[1]) if column else 0.0

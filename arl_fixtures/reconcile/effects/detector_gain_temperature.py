@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import numpy as np
+
 from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_common import (
+    excess,
+    reference,
+    set_response,
+    temperature_drivers,
+    with_scatter,
+)
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
 
@@ -20,36 +29,40 @@ class GainTemperature(Effect):
     def variants(self, view: View) -> Iterable[Variant]:
         """One per intensity channel and logged temperature that is not the laser's."""
         for channel in view.channels(Role.INTENSITY):
-            for column in view.temperatures("tof_temperature_c", "fpga_temperature_c", "housing_temperature_c"):
-                if column.startswith("laser_"):
-                    continue
+            for column in temperature_drivers(
+                view, "tof_temperature_c", "fpga_temperature_c", "housing_temperature_c", limit=2, never=("laser_",)
+            ):
                 yield Variant(
                     effect=self.id,
-                    options={"channel": channel.name, "temperature": column},
+                    options={"channel": channel.name, "temperature": column, "reference": reference(view, column)},
                     parameters=(
                         Parameter(name="slope", unit="1/K", low=-0.05, high=0.05, null=0.0, typical=0.001),
                         Parameter(name="curvature", unit="1/K^2", low=-5e-4, high=5e-4, null=0.0, typical=1e-5),
                     ),
-                    channels=(channel.name,),
+                    channels=with_scatter(view, channel.name),
                     drivers=(column,),
                 )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Multiplies the signal."""
         channel, column = str(variant.options["channel"]), str(variant.options["temperature"])
-        excess = view.number(column) - view.middle(column)
-        state[channel] = state[channel] * (1.0 + values["slope"] * excess + values["curvature"] * excess**2)
+        warm = excess(view, variant, column)
+        gain = np.maximum(1.0 + float(values["slope"]) * warm + float(values["curvature"]) * warm**2, 0.01)
+        set_response(state, channel, state[channel] * gain, gain)
 
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel, column = variant.options["channel"], variant.options["temperature"]
-        return f"{channel} *= 1 + slope * ({column} - median) + curvature * ({column} - median)^2"
+        return (
+            f"{channel} *= 1 + slope * ({column} - {variant.options['reference']}) + curvature * ({column} - "
+            f"{variant.options['reference']})^2"
+        )
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Change over the table's range of temperature."""
         column = str(variant.options["temperature"])
         low, high = view.span(column)
-        middle = view.middle(column)
+        middle = float(variant.options["reference"])
         ends = [1.0 + values["slope"] * x + values["curvature"] * x**2 for x in (low - middle, high - middle)]
         change = (ends[1] / ends[0] - 1.0) * 100.0
         return f"The detector's gain changes by {change:+.1f} % from {low:.0f} to {high:.0f} °C of {column}."

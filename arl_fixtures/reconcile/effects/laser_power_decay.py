@@ -10,16 +10,18 @@ from arl_fixtures.reconcile.effect import Stage, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     LightFactor,
-    age,
     age_drivers,
+    age_options,
+    aged,
     amplitude,
     light_channels,
     per_view,
+    rounded,
     shape,
     signals,
     temperature_drivers,
 )
-from arl_fixtures.reconcile.effects_history import History, history, on_rows
+from arl_fixtures.reconcile.effects_history import History, history, on_rows, time_column
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
@@ -42,7 +44,7 @@ class PowerDecay(LightFactor):
             for column in columns:
                 yield Variant(
                     effect=self.id,
-                    options={"channel": channel, "age": column, "temperature": ""},
+                    options={"channel": channel, "age": column, "temperature": "", **age_options(view, column)},
                     parameters=(
                         amplitude("loss", "1", 0.0, 3.0, 0.05),
                         shape("exponent", "1", 0.25, 3.0, 1.0),
@@ -52,15 +54,22 @@ class PowerDecay(LightFactor):
                 )
             housing = [name for name in warm if not name.startswith("laser_")]
             if housing and history(view, housing[0]) is not None:
+                column = time_column(view)
                 yield Variant(
                     effect=self.id,
-                    options={"channel": channel, "age": "time_s", "temperature": housing[0]},
+                    options={
+                        "channel": channel,
+                        "age": column,
+                        "temperature": housing[0],
+                        "reference": rounded(view.middle(housing[0])),
+                        **age_options(view, column),
+                    },
                     parameters=(
                         amplitude("loss", "1", 0.0, 3.0, 0.05),
                         shape("activation_energy", "eV", 0.1, 1.2, 0.5),
                     ),
                     channels=light_channels(view, channel),
-                    drivers=("time_s" if view.varies("time_s") else "step", housing[0]),
+                    drivers=(column, housing[0]),
                 )
 
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
@@ -69,11 +78,17 @@ class PowerDecay(LightFactor):
             record = history(view, str(variant.options["temperature"]))
             if record is None:
                 return np.ones(view.n)
-            worn = on_rows(view, _wear(record, float(values["activation_energy"])))
-            return np.exp(-float(values["loss"]) * np.clip(worn, 0.0, 1.0))
+            length = float(variant.options["last"]) - float(variant.options["first"])
+            origin = float(variant.options["reference"])
+            worn = on_rows(view, _wear(record, float(values["activation_energy"]), origin)) / length
+            return np.exp(-np.minimum(float(values["loss"]) * worn, 20.0))
         column = str(variant.options["age"])
-        since = per_view(view, ("log age", column), lambda: np.log(np.maximum(age(view, column), 1e-12)))
-        return np.exp(-float(values["loss"]) * np.exp(float(values["exponent"]) * since))
+        since = per_view(
+            view, ("log age", variant.label), lambda: np.log(np.maximum(aged(view, variant, column), 1e-12))
+        )
+        return np.asarray(
+            np.exp(-np.minimum(float(values["loss"]) * np.exp(float(values["exponent"]) * since), 20.0))
+        )
 
     def expression(self, variant: Variant) -> str:
         """The law."""
@@ -81,8 +96,8 @@ class PowerDecay(LightFactor):
         if variant.options["temperature"]:
             warm = variant.options["temperature"]
             return (
-                f"{channel} *= exp(-loss * W), W = integral of exp(-activation_energy / k {warm}) over time, 1 at "
-                "the end"
+                f"{channel} *= exp(-loss * W), W = time weighted by exp(-activation_energy / k {warm}), "
+                f"1 = the record's length at {variant.options['reference']} °C"
             )
         return f"{channel} *= exp(-loss * a^exponent), a = {column} from 0 (first) to 1 (last)"
 
@@ -108,10 +123,9 @@ def _plain(column: str) -> str:
     return "" if unit == "1" else unit
 
 
-def _wear(record: History, energy_ev: float) -> FloatArray:
-    """Share of a record's wear done so far: Arrhenius-weighted time, 1 at the end of the most worn record."""
+def _wear(record: History, energy_ev: float, origin_c: float) -> FloatArray:
+    """Time at the reference temperature that would have worn as much, by Arrhenius' law."""
     kelvin = np.maximum(record.values + 273.15, 150.0)
-    weight = np.exp(np.clip(-energy_ev / _BOLTZMANN_EV * (1.0 / kelvin - 1.0 / 298.15), -30.0, 30.0))
+    weight = np.exp(np.clip(-energy_ev / _BOLTZMANN_EV * (1.0 / kelvin - 1.0 / (origin_c + 273.15)), -30.0, 30.0))
     done = np.cumsum(weight, axis=1) - weight[:, :1]
-    worn: FloatArray = done / max(float(done.max()), 1e-300)
-    return worn
+    return np.asarray(done * record.interval)

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Parameter, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effect import Option, Parameter, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     LightFactor,
@@ -44,19 +44,22 @@ class ThermalRolloff(LightFactor):
         for channel in signals(view):
             for column in columns[:2]:
                 low, high = view.span(column)
-                span = high - low
-                slope = amplitude("slope", "1/K", 0.0, 4.0 / span, 0.05 / span)
-                growth = shape("growth", "1/K", 0.0, 8.0 / span, 0.0, 3.0 / span)
+                wide = high - low
+                slope = amplitude("slope", "1/K", 0.0, 4.0 / wide, 0.05 / wide)
+                growth = shape("growth", "1/K", 0.0, 8.0 / wide, 0.0, 3.0 / wide)
                 if currents and _swept(view, currents[0]):
                     reach = float(np.subtract(*view.span(currents[0])[::-1]))
-                    shift = amplitude("threshold_shift", "A/K", 0.0, reach / span, 0.02 * reach / span)
-                    loss = amplitude("loss", "1/K", 0.0, 3.0 / span, 0.05 / span)
+                    shift = amplitude("threshold_shift", "A/K", 0.0, reach / wide, 0.02 * reach / wide)
+                    loss = amplitude("loss", "1/K", 0.0, 3.0 / wide, 0.05 / wide)
                     origin = shape("reference", "°C", low, high, low, reference(view, column))
-                    kind = {"kind": "curve", "temperature": column, "current": currents[0]}
+                    kind: dict[str, Option] = {"kind": "curve", "temperature": column, "current": currents[0]}
                     yield self._variant(view, channel, kind, (shift, loss, origin), (column, currents[0]))
-                yield self._variant(
-                    view, channel, {"kind": "slope", "temperature": column}, (slope, growth), (column,)
-                )
+                plain: dict[str, Option] = {
+                    "kind": "slope",
+                    "temperature": column,
+                    "reference": reference(view, column),
+                }
+                yield self._variant(view, channel, plain, (slope, growth), (column,))
             for column in [name for name in columns if not name.startswith("laser_")][:1]:
                 low, high = view.span(column)
                 slope = amplitude("slope", "1/K", 0.0, 20.0 / (high - low), 0.2 / (high - low))
@@ -67,7 +70,7 @@ class ThermalRolloff(LightFactor):
         self,
         view: View,
         channel: str,
-        options: dict[str, str],
+        options: dict[str, Option],
         parameters: tuple[Parameter, ...],
         drivers: tuple[str, ...],
     ) -> Variant:
@@ -89,7 +92,7 @@ class ThermalRolloff(LightFactor):
             warm = np.nan_to_num(view.number(column) - float(values["reference"]))
             return np.exp(np.clip(-float(values["loss"]) * warm, -20.0, 20.0))
         growth = max(float(values["growth"]), 1e-9)
-        warmth = np.expm1(growth * excess(view, column)) / growth
+        warmth = np.expm1(growth * excess(view, variant, column)) / growth
         return np.exp(np.clip(-float(values["slope"]) * warmth, -20.0, 20.0))
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
@@ -114,7 +117,8 @@ class ThermalRolloff(LightFactor):
             current = variant.options["current"]
             warm = f"({column} - reference)"
             return f"{channel}({current}) = exp(-loss * {warm}) * sim_{channel}({current} - threshold_shift * {warm})"
-        return f"{channel} *= exp(-slope * (exp(growth * ({column} - reference)) - 1) / growth)"
+        origin = variant.options["reference"]
+        return f"{channel} *= exp(-slope * (exp(growth * ({column} - {origin})) - 1) / growth)"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Loss over the table's temperatures."""

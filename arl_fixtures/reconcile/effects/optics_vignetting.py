@@ -38,7 +38,7 @@ class Vignetting(LightFactor):
                 view,
                 channel,
                 "mechanical",
-                (amplitude("parting", "1", 0.0, 2.0, 0.3), shape("oversize", "1", 0.0, 1.5, 0.3)),
+                (amplitude("parting", "1", 0.0, 3.0, 1.0), shape("oversize", "1", 0.0, 1.5, 0.02, 0.4)),
             )
 
     def _variant(self, view: View, channel: str, kind: str, parameters: tuple[Parameter, ...]) -> Variant:

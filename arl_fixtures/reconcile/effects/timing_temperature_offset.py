@@ -9,9 +9,9 @@ from arl_fixtures.reconcile.effects_common import (
     amplitude,
     distances,
     excess,
-    half_span,
     in_mm,
     reference,
+    span,
     temperature_drivers,
     unit_per,
 )
@@ -39,12 +39,17 @@ class TemperatureOffset(Effect):
             kinds = ("offset", "scale") if low > 0.0 and high > 2.0 * low else ("offset",)
             for kind in kinds:
                 for column in columns if kind == "offset" else columns[:1]:
-                    half = half_span(view, column)
+                    half = span(view, column) / 2.0
                     each = "1/K" if kind == "scale" else unit_per(column, unit)
                     most = 0.5 if kind == "scale" else 2.0 * size
                     yield Variant(
                         effect=self.id,
-                        options={"channel": distance, "temperature": column, "kind": kind},
+                        options={
+                            "channel": distance,
+                            "temperature": column,
+                            "kind": kind,
+                            "reference": reference(view, column),
+                        },
                         parameters=(
                             amplitude("slope", each, -most / half, most / half, 0.002 * most / half),
                             amplitude("bend", f"{each}^2", -most / half**2, most / half**2, 0.001 * most / half**2),
@@ -56,7 +61,7 @@ class TemperatureOffset(Effect):
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Adds to the distance."""
         distance, column = str(variant.options["channel"]), str(variant.options["temperature"])
-        warm = excess(view, column)
+        warm = excess(view, variant, column)
         added = values["slope"] * warm + values["bend"] * warm**2
         state[distance] = state[distance] + (
             added if variant.options["kind"] == "offset" else added * state[distance]
@@ -65,14 +70,15 @@ class TemperatureOffset(Effect):
     def expression(self, variant: Variant) -> str:
         """The law."""
         distance, column = variant.options["channel"], variant.options["temperature"]
-        law = f"slope * ({column} - reference) + bend * ({column} - reference)^2"
+        warm = f"({column} - {variant.options['reference']})"
+        law = f"slope * {warm} + bend * {warm}^2"
         return f"{distance} += {law}" if variant.options["kind"] == "offset" else f"{distance} *= 1 + {law}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Shift over the table's range of temperature."""
         distance, column = str(variant.options["channel"]), str(variant.options["temperature"])
         low, high = view.span(column)
-        ends = [x - reference(view, column) for x in (low, high)]
+        ends = [x - float(variant.options["reference"]) for x in (low, high)]
         shift = values["slope"] * (ends[1] - ends[0]) + values["bend"] * (ends[1] ** 2 - ends[0] ** 2)
         if variant.options["kind"] == "scale":
             return f"The distance is stretched by {shift * 100:+.3f} % from {low:.0f} to {high:.0f} °C of {column}."

@@ -1,0 +1,106 @@
+"""The optical centre is not on the rotation axis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_common import (
+    FloatArray,
+    amplitude,
+    distances,
+    in_mm,
+    per_view,
+    set_light,
+    signals,
+)
+from arl_fixtures.reconcile.effects_scene import azimuth, elevation, point_elsewhere, scanned_channels, scene
+from arl_fixtures.reconcile.roles import unit_of
+from arl_fixtures.reconcile.view import View
+
+
+class Eccentricity(Effect):
+    """D −= forward·cos ψ + right·sin ψ (times cos elevation), and the bearing turns by the sideways part over D.
+
+    ψ is the azimuth for a sensor that sits off the axis and turns with it (`frame` sensor), or the bearing for a
+    scene whose centre is off the axis (`frame` bench). The signal follows 1/D².
+    """
+
+    id = "stage.eccentricity"
+    stage = Stage.BOOKKEEPING
+    source = "plane geometry: the range from a displaced point, to first order in displacement over range"
+    confusable = ("stage.zero_offset", "mount.tilt", "timing.clock_scale", "timing.tdc_nonlinearity")
+
+    def variants(self, view: View) -> Iterable[Variant]:
+        """Off-centre in the sensor's frame or in the bench's."""
+        if not view.varies("stage_angle_deg") or scene(view) is None or not distances(view):
+            return
+        unit = unit_of(distances(view)[0])
+        size = 1e3 if unit == "mm" else 1.0
+        for frame in ("bench", "sensor"):
+            if frame == "sensor" and not view.varies("azimuth_deg"):
+                continue
+            yield Variant(
+                effect=self.id,
+                options={"frame": frame},
+                parameters=tuple(amplitude(name, unit, -0.1 * size, 0.1 * size, 0.002 * size) for name in _AXES),
+                channels=scanned_channels(view),
+                drivers=("stage_angle_deg", "azimuth_deg")[: 2 if view.varies("azimuth_deg") else 1],
+            )
+
+    def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
+        """Moves the point of view."""
+        found = scene(view)
+        if found is None:
+            return
+        forward, right = (float(values[name]) for name in _AXES)
+        cosine, sine = per_view(view, ("direction", variant.options["frame"]), lambda: _direction(view, variant))
+        name = distances(view)[0]
+        level = per_view(view, "level", lambda: np.cos(np.radians(elevation(view))))
+        range_ = np.where(np.isfinite(state[name]) & (state[name] > 0.0), state[name], np.nan)
+        near = (forward * cosine + right * sine) * level
+        with np.errstate(invalid="ignore"):
+            turn = np.nan_to_num(np.degrees((right * cosine - forward * sine) / np.maximum(range_ * level, 1e-9)))
+            closer = np.nan_to_num(np.clip(near / range_, -0.5, 0.5))
+        point_elsewhere(view, state, turn=np.clip(turn, -5.0, 5.0))
+        for distance in distances(view):
+            state[distance] = state[distance] - near
+        for channel in signals(view):
+            set_light(view, state, channel, state[channel] / (1.0 - closer) ** 2)
+
+    def expression(self, variant: Variant) -> str:
+        """The law."""
+        angle = "azimuth_deg" if variant.options["frame"] == "sensor" else "(azimuth_deg + stage_angle_deg)"
+        return (
+            f"distance -= forward * cos({angle}) + right * sin({angle}), signals as 1/distance^2, bearing by parallax"
+        )
+
+    def sentence(self, variant: Variant, values: Values, view: View) -> str:
+        """Displacement in millimetres."""
+        forward, right = (in_mm(float(values[name]), distances(view)[0]) for name in _AXES)
+        if variant.options["frame"] == "sensor":
+            return (
+                f"The optical centre lies {forward:+.2f} mm forward and {right:+.2f} mm right of the rotation axis."
+            )
+        return f"The rotation axis lies {forward:+.2f} mm forward and {right:+.2f} mm right of the targets' centre."
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What tells it from a stage zero."""
+        return (
+            "Mount the sensor turned by 180° on the stage, or measure a target at a second distance: an eccentricity "
+            "of "
+            "the sensor changes sign, a stage zero does not."
+        )
+
+
+_AXES = ("forward", "right")
+
+
+def _direction(view: View, variant: Variant) -> tuple[FloatArray, FloatArray]:
+    angle = azimuth(view)
+    found = scene(view)
+    if variant.options["frame"] == "bench" and found is not None:
+        angle = angle + found.sign * np.nan_to_num(view.number("stage_angle_deg"))
+    return np.cos(np.radians(angle)), np.sin(np.radians(angle))

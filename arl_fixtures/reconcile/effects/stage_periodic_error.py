@@ -1,0 +1,71 @@
+"""The stage angle has an error periodic in angle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_common import amplitude, shape
+from arl_fixtures.reconcile.effects_scene import point_elsewhere, scanned_channels, scene
+from arl_fixtures.reconcile.view import View
+
+_STARTS = 6
+
+
+class PeriodicError(Effect):
+    """True angle = stage angle + sine·sin(2πθ/period) + cosine·cos(2πθ/period)."""
+
+    id = "stage.periodic_error"
+    stage = Stage.BOOKKEEPING
+    source = "worm and gear errors repeat with every turn of the worm, e.g. 360°/n; ISO 230-2"
+    confusable = ("stage.zero_offset", "stage.eccentricity", "timing.tdc_nonlinearity")
+
+    def variants(self, view: View) -> Iterable[Variant]:
+        """One; periods from four angle steps to twice the sweep."""
+        if not view.varies("stage_angle_deg") or scene(view) is None:
+            return
+        low, high = view.span("stage_angle_deg")
+        angles = np.unique(np.round(view.columns.numbers["stage_angle_deg"], 4))
+        angles = angles[np.isfinite(angles)]
+        if angles.size < 8:
+            return
+        shortest, longest = 4.0 * float(np.median(np.diff(angles))), 1.5 * (high - low)
+        if shortest >= 0.8 * longest:
+            return
+        yield Variant(
+            effect=self.id,
+            parameters=(
+                amplitude("sine", "deg", -3.0, 3.0, 0.05),
+                amplitude("cosine", "deg", -3.0, 3.0, 0.05),
+                shape(
+                    "period", "deg", shortest, longest, *(1.0 / np.linspace(1.0 / longest, 1.0 / shortest, _STARTS))
+                ),
+            ),
+            channels=scanned_channels(view),
+            drivers=("stage_angle_deg",),
+        )
+
+    def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
+        """Looks the scene up at the true angle."""
+        found = scene(view)
+        if found is None:
+            return
+        phase = 2.0 * np.pi / float(values["period"]) * np.nan_to_num(view.number("stage_angle_deg"))
+        error = float(values["sine"]) * np.sin(phase) + float(values["cosine"]) * np.cos(phase)
+        point_elsewhere(view, state, turn=found.sign * error)
+
+    def expression(self, variant: Variant) -> str:
+        """The law."""
+        phase = "(2 pi stage_angle_deg / period)"
+        return f"every channel = simulation at stage_angle_deg + sine * sin{phase} + cosine * cos{phase}"
+
+    def sentence(self, variant: Variant, values: Values, view: View) -> str:
+        """Amplitude and period."""
+        size = float(np.hypot(values["sine"], values["cosine"]))
+        return f"The stage's angle swings by ±{size:.3f}° with a period of {values['period']:.2f}°."
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What shows it."""
+        return "Log an encoder or an autocollimator on the table over two periods, in steps of a tenth of one."

@@ -1,0 +1,79 @@
+"""The stage angle is off by a constant, or by the direction of travel."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, per_table
+from arl_fixtures.reconcile.effects_scene import point_elsewhere, scanned_channels, scene
+from arl_fixtures.reconcile.view import View
+
+
+class ZeroOffset(Effect):
+    """Every row sees the scene at stage angle + zero (+ backlash · ½·sign of travel)."""
+
+    id = "stage.zero_offset"
+    stage = Stage.BOOKKEEPING
+    source = "geometry: dR/dθ = R·tan(incidence), and the step of the signal at an edge; ISO 230-2 (backlash)"
+    confusable = ("mount.tilt", "acquisition.frame_lag", "stage.eccentricity", "stage.periodic_error")
+
+    def variants(self, view: View) -> Iterable[Variant]:
+        """A constant; a backlash where angles are approached from both sides."""
+        if not view.varies("stage_angle_deg") or scene(view) is None:
+            return
+        kinds = ("constant", "backlash") if np.unique(travel(view)[travel(view) != 0.0]).size > 1 else ("constant",)
+        for kind in kinds:
+            yield Variant(
+                effect=self.id,
+                options={"kind": kind},
+                parameters=(amplitude("zero" if kind == "constant" else "backlash", "deg", -3.0, 3.0, 0.05),),
+                channels=scanned_channels(view),
+                drivers=("stage_angle_deg",) if kind == "constant" else ("stage_angle_deg", "time_s"),
+            )
+
+    def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
+        """Looks the scene up at the true angle."""
+        found = scene(view)
+        if found is None:
+            return
+        if variant.options["kind"] == "constant":
+            point_elsewhere(view, state, turn=found.sign * float(values["zero"]))
+            return
+        point_elsewhere(view, state, turn=found.sign * 0.5 * float(values["backlash"]) * travel(view)[view.rows])
+
+    def expression(self, variant: Variant) -> str:
+        """The law."""
+        if variant.options["kind"] == "constant":
+            return "every channel = simulation at stage_angle_deg + zero"
+        return "every channel = simulation at stage_angle_deg + backlash / 2 * sign of travel"
+
+    def sentence(self, variant: Variant, values: Values, view: View) -> str:
+        """The offset."""
+        if variant.options["kind"] == "constant":
+            return f"The stage stands {values['zero']:+.3f}° from where its angle says."
+        return (
+            f"The stage's angle differs by {values['backlash']:.3f}° between the two directions of travel (backlash)."
+        )
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What tells zero, tilt and lag apart."""
+        return (
+            "Sweep the same angles in both directions and home the stage in between: a zero offset stays, a lag "
+            "changes "
+            "sign, a mounting error differs from DUT to DUT."
+        )
+
+
+def travel(view: View) -> FloatArray:
+    """Direction in which each row of the whole table came to its stage angle: ±1, 0 for the first of a sweep."""
+
+    def make() -> FloatArray:
+        place = View(view.columns).acquired_place(1)
+        angle = view.columns.numbers["stage_angle_deg"]
+        came = np.where(place >= 0, np.sign(angle - angle[place]), 0.0)
+        return np.nan_to_num(came)
+
+    return per_table(view, "travel", make)

@@ -1,0 +1,93 @@
+"""The reflectance depends on the incidence angle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from arl_fixtures.reconcile.effect import Stage, Values, Variant
+from arl_fixtures.reconcile.effects_common import (
+    FloatArray,
+    LightFactor,
+    amplitude,
+    light_channels,
+    per_view,
+    percent,
+    shape,
+    signals,
+)
+from arl_fixtures.reconcile.effects_surface import light_share, surface_names
+from arl_fixtures.reconcile.view import View
+
+
+class NonLambertian(LightFactor):
+    """I *= 1 + oblique·sin²a + lobe·max(cos 2a, 0)^sharpness, on all surfaces or on one.
+
+    `oblique` > 0 is a rough surface that stays bright when seen obliquely, `lobe` a gloss about normal incidence:
+    light comes back along its way, so the angle to the mirror direction is 2a.
+    """
+
+    id = "target.non_lambertian"
+    stage = Stage.TARGET
+    source = (
+        "Oren, Nayar, SIGGRAPH 1994 (rough diffuse); Phong, CACM 18 (1975) 311 (lobe), for source and eye together"
+    )
+    confusable = ("optics.vignetting", "target.reflectance_error", "stage.eccentricity")
+
+    def variants(self, view: View) -> Iterable[Variant]:
+        """All surfaces, and each of the four most seen."""
+        if not view.varies("incidence_deg"):
+            return
+        for channel in signals(view):
+            for surface in ("", *surface_names(view, 4)):
+                yield Variant(
+                    effect=self.id,
+                    options={"channel": channel, "surface": surface},
+                    parameters=(
+                        amplitude("oblique", "1", -2.0, 5.0, 0.1),
+                        amplitude("lobe", "1", -0.5, 5.0, 0.05),
+                        shape("sharpness", "1", 1.0, 200.0, 12.0),
+                    ),
+                    channels=light_channels(view, channel),
+                    drivers=("incidence_deg",),
+                    where={"surface": [surface]} if surface else {},
+                )
+
+    def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
+        """Reflectance against Lambert's law."""
+        sine, mirror = per_view(view, "incidence terms", lambda: _terms(view))
+        bright = float(values["oblique"]) * sine + float(values["lobe"]) * np.exp(float(values["sharpness"]) * mirror)
+        surface = str(variant.options["surface"])
+        if surface:
+            bright = bright * light_share(view, str(variant.options["channel"]), surface)
+        return np.maximum(1.0 + bright, 0.02)
+
+    def expression(self, variant: Variant) -> str:
+        """The law."""
+        on = f" on surface '{variant.options['surface']}'" if variant.options["surface"] else ""
+        return (
+            f"{variant.options['channel']} *= 1 + oblique * sin(incidence_deg)^2 "
+            f"+ lobe * cos(2 incidence_deg)^sharpness{on}"
+        )
+
+    def sentence(self, variant: Variant, values: Values, view: View) -> str:
+        """Change of the signal."""
+        where = f"of surface '{variant.options['surface']}' " if variant.options["surface"] else ""
+        change = percent(*self.change(variant, values, view))
+        return f"The reflectance {where}depends on the angle of incidence: the signal differs {change}."
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What tells it from vignetting."""
+        return (
+            "Turn the panel about its own axis while the sensor stands still: a target's lobe follows the panel, "
+            "vignetting follows the pixel."
+        )
+
+
+def _terms(view: View) -> tuple[FloatArray, FloatArray]:
+    """sin² of the incidence and ln of the cosine of twice it; zero and very small where it is unknown."""
+    angle = np.radians(view.number("incidence_deg"))
+    sine = np.nan_to_num(np.sin(angle) ** 2)
+    mirror = np.log(np.maximum(np.nan_to_num(np.cos(2.0 * angle), nan=1e-6), 1e-6))
+    return sine, mirror

@@ -1,0 +1,57 @@
+"""One surface is brighter or darker than its certificate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from arl_fixtures.reconcile.effect import Stage, Values, Variant
+from arl_fixtures.reconcile.effects_common import FloatArray, LightFactor, amplitude, light_channels, signals
+from arl_fixtures.reconcile.effects_surface import light_share, surface_names
+from arl_fixtures.reconcile.view import View
+
+
+class ReflectanceError(LightFactor):
+    """I *= 1 + error · (the surface's share of the pixel's light): 1 on the surface, in between at its border."""
+
+    id = "target.reflectance_error"
+    stage = Stage.TARGET
+    source = "manufacturers' certificates of diffuse panels state 1 to 3 % of the reflectance (8°/hemispherical)"
+    confusable = ("detector.compression", "target.non_lambertian", "optics.veiling_glare")
+
+    def variants(self, view: View) -> Iterable[Variant]:
+        """One per surface, the most seen first."""
+        for channel in signals(view):
+            for surface in surface_names(view):
+                yield Variant(
+                    effect=self.id,
+                    options={"channel": channel, "surface": surface},
+                    parameters=(amplitude("error", "1", -0.9, 4.0, 0.02),),
+                    channels=light_channels(view, channel),
+                    drivers=("surface",),
+                    where={"surface": [surface]},
+                )
+
+    def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
+        """Brighter or darker by the surface's share of the light."""
+        share = light_share(view, str(variant.options["channel"]), str(variant.options["surface"]))
+        return 1.0 + float(values["error"]) * share
+
+    def expression(self, variant: Variant) -> str:
+        """The law."""
+        return f"{variant.options['channel']} *= 1 + error on surface '{variant.options['surface']}'"
+
+    def sentence(self, variant: Variant, values: Values, view: View) -> str:
+        """The error in percent."""
+        error = float(values["error"])
+        what = "brighter" if error > 0.0 else "darker"
+        return (
+            f"Surface '{variant.options['surface']}' is {abs(error) * 100:.2f} % {what} than the simulation assumes."
+        )
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What tells it from compression."""
+        return (
+            "Swap this surface with another, or measure it with a reflectometer: an error of the target moves with "
+            "the "
+            "target, compression stays with the signal."
+        )
