@@ -198,7 +198,7 @@ def orders(rng: np.random.Generator, count: int) -> list[Order]:
 
 
 def stated(rng: np.random.Generator, scale: int = 1) -> list[Order]:
-    """The stated sample, `scale` times: every id once, strengths in turn; 14 nulls, 10 pairs, 14 outside the library."""
+    """The stated sample, `scale` times: every id once, strengths in turn; 14 null, 10 pairs, 14 unknown."""
     batch: list[Order] = []
     bands = tuple(BANDS)
     ids = sorted({recipe.effect for recipe in LIBRARY})
