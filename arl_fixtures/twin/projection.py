@@ -22,6 +22,7 @@ STEEPEST_RAY_DEG: Final = 87.0
 TABLE_NODES: Final = 4096
 NEWTON_STEPS: Final = 50
 NEWTON_TOLERANCE: Final = 1e-13
+SHORTEST_PACE: Final = 1e-6
 
 
 class Intrinsics(FileModel):
@@ -104,8 +105,8 @@ def project(intrinsics: Intrinsics, points: FloatArray) -> FloatArray:
 def undistort(intrinsics: Intrinsics, xd: FloatArray, yd: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Exact inverse of `distort`.
 
-    Beyond the model's fold there is no inverse; a point there gets the ray at the fold in its direction, which is
-    what the outermost corners of a sensor see whose K and δ just cover it.
+    Beyond the fold of the radial part there is no inverse; a point there gets the ray at the fold in its
+    direction, which is what the outermost corners of a sensor see whose K and δ just cover it.
 
     Args:
         intrinsics: the camera.
@@ -121,20 +122,20 @@ def undistort(intrinsics: Intrinsics, xd: FloatArray, yd: FloatArray) -> tuple[F
     with np.errstate(invalid="ignore", divide="ignore"):
         scale = np.where(rho > 0, np.interp(rho, distorted, radii) / rho, 1.0)
     x, y = xd * scale, yd * scale
+    miss_x, miss_y = _miss(intrinsics, x, y, xd, yd)
+    pace = np.ones_like(x)
     for _ in range(NEWTON_STEPS):
-        found_x, found_y = distort(intrinsics, x, y)
-        miss_x, miss_y = xd - found_x, yd - found_y
-        r = np.hypot(x, y)
-        # a point held at the fold cannot come nearer
-        open_miss = np.where(r < fold * (1 - 1e-9), np.hypot(miss_x, miss_y), 0.0)
-        if open_miss.size == 0 or float(open_miss.max()) < NEWTON_TOLERANCE:
-            break
         step_x, step_y = _newton_step(intrinsics, x, y, miss_x, miss_y)
-        x, y = x + step_x, y + step_y
-        r = np.hypot(x, y)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            held = np.where(r > fold, fold / r, 1.0)
-        x, y = x * held, y * held
+        next_x, next_y = _within(fold, x + pace * step_x, y + pace * step_y)
+        next_miss_x, next_miss_y = _miss(intrinsics, next_x, next_y, xd, yd)
+        # near the fold a full step may leap across the image: only steps that come nearer are taken
+        nearer = np.hypot(next_miss_x, next_miss_y) < np.hypot(miss_x, miss_y)
+        x, y = np.where(nearer, next_x, x), np.where(nearer, next_y, y)
+        miss_x, miss_y = np.where(nearer, next_miss_x, miss_x), np.where(nearer, next_miss_y, miss_y)
+        pace = np.where(nearer, np.minimum(2 * pace, 1.0), pace / 2)
+        going = (np.hypot(miss_x, miss_y) > NEWTON_TOLERANCE) & (pace > SHORTEST_PACE)
+        if not going.any():
+            break
     return x, y
 
 
@@ -197,6 +198,19 @@ def _fold_between(intrinsics: Intrinsics, low: float, high: float) -> float:
     return low
 
 
+def _miss(
+    intrinsics: Intrinsics, x: FloatArray, y: FloatArray, xd: FloatArray, yd: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    found_x, found_y = distort(intrinsics, x, y)
+    return xd - found_x, yd - found_y
+
+
+def _within(radius: float, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points moved towards the axis until they are within a radius."""
+    held = radius / np.maximum(np.hypot(x, y), radius)
+    return x * held, y * held
+
+
 def _newton_step(
     intrinsics: Intrinsics, x: FloatArray, y: FloatArray, miss_x: FloatArray, miss_y: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -206,6 +220,6 @@ def _newton_step(
     yy = q + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
     xy = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
     determinant = xx * yy - xy * xy
-    # at the fold the Jacobian is singular; a bounded step there is caught by the fold afterwards
+    # at the fold the Jacobian is singular; the wild step that follows is not taken
     determinant = np.where(np.abs(determinant) < 1e-12, 1e-12, determinant)
     return (yy * miss_x - xy * miss_y) / determinant, (xx * miss_y - xy * miss_x) / determinant
