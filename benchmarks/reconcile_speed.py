@@ -82,11 +82,14 @@ def measure(table: Path, out: Path) -> Cost:
     """Run the tool as a process of its own, so that its memory is counted alone."""
     command = [sys.executable, "-m", "arl_fixtures.cli", "reconcile", str(table), "--out", str(out)]
     start = time.perf_counter()
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-    _, status, usage = os.wait4(process.pid, 0)
-    wall = time.perf_counter() - start
-    message = process.stderr.read() if process.stderr else ""
-    if os.waitstatus_to_exitcode(status) != 0:
+    with (out.parent / "stderr.txt").open("w+") as stderr:
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=stderr)
+        _, status, usage = os.wait4(process.pid, 0)
+        wall = time.perf_counter() - start
+        process.returncode = os.waitstatus_to_exitcode(status)
+        stderr.seek(0)
+        message = stderr.read()
+    if process.returncode != 0:
         raise SystemExit(f"arl reconcile failed on {table}: {message.strip()[-300:]}")
     told = json.loads((out / "diagnosis.json").read_text())
     return Cost(

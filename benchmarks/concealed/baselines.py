@@ -65,7 +65,7 @@ def _split(count: int) -> np.ndarray:
 
 
 def _helps(z: np.ndarray, told: np.ndarray) -> bool:
-    """Whether a prediction lowers the squared residual by more than two standard errors, rows taken as independent."""
+    """Whether a prediction lowers the squared residual by more than two standard errors of its rows."""
     gain = z**2 - (z - told) ** 2
     return bool(gain.mean() > 2.0 * gain.std() / np.sqrt(gain.size))
 
