@@ -100,15 +100,19 @@ class Exchange:
             RemoteProtocolError: bytes came, but no answer to this.
             DeviceLostError: the line is gone, and opening it again did not help.
         """
-        failure: DeviceError | None = None
+        failure: DeviceError = DeviceTimeoutError(
+            f"{self.place}: '{question.what}' was not asked, as an earlier question is still without answer"
+        )
         for _ in range(1 + self._settings.retries):
             try:
-                self._make_clean()
+                if not self._make_clean():
+                    continue
                 return self._attempt(question)
-            except (DeviceTimeoutError, RemoteProtocolError, DeviceLostError) as error:
-                self._lost = isinstance(error, DeviceLostError)
+            except (DeviceTimeoutError, RemoteProtocolError) as error:
                 failure = error
-        raise failure or DeviceError(f"{self.place}: retries must not be negative")
+            except DeviceLostError as error:
+                failure, self._lost = error, True
+        raise failure
 
     def close(self) -> None:
         """Release the line."""
@@ -147,8 +151,8 @@ class Exchange:
             raise RemoteProtocolError(f"{self.place}: no answer to '{question.what}' in what came: {shown}")
         raise DeviceTimeoutError(f"{self.place}: no answer to '{question.what}' within {settings.timeout_s:g} s")
 
-    def _make_clean(self) -> None:
-        """Bring the line to a state in which no old answer can be taken for a new one."""
+    def _make_clean(self) -> bool:
+        """Bring the line to a state in which no old answer can be taken for a new one; whether that worked."""
         settings = self._settings
         if self._lost or (self._missing and settings.reopening_forgets):
             self._port.reopen()
@@ -156,14 +160,17 @@ class Exchange:
             if settings.reopening_forgets:
                 self._missing.clear()
         if not self._missing:
-            return
-        for fence in self._fences():
-            if fence.kind not in self._missing:
-                self._attempt(fence)
-                break
-        else:
+            return True
+        fence = next((fence for fence in self._fences() if fence.kind not in self._missing), None)
+        if fence is None:
             self._clock.sleep(self._last_s + settings.quiet_s - self._clock.now_s)
+        else:
+            try:
+                self._attempt(fence)
+            except (DeviceTimeoutError, RemoteProtocolError):
+                return False
         self._missing.clear()
+        return True
 
 
 def _no_fences() -> Iterator[Question[object]]:

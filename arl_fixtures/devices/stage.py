@@ -99,6 +99,7 @@ class TmclStage:
         while self._module.do(Command.REFERENCE_SEARCH, SearchType.STATUS):
             if self._clock.now_s >= deadline_s:
                 self._module.do(Command.REFERENCE_SEARCH, SearchType.STOP)
+                self.stop()
                 raise DeviceTimeoutError(f"{self._module.place}: reference not found within {timeout_s:g} s")
             self._clock.sleep(_SEARCH_POLL_S)
         trouble = self.fault()
