@@ -2,13 +2,12 @@
 
 import pytest
 
-from arl_fixtures.bench.profile import CycleStep
+from arl_fixtures.plugin.cycle import StepOutcome
 from arl_fixtures.plugin.outcome import raise_for
-from arl_fixtures.plugin.step_runner import StepResult
 
 
 @pytest.mark.cycle
-def test_temperature_step(cycle_step: CycleStep, step_result: StepResult) -> None:
+@pytest.mark.usefixtures("cycle_step")
+def test_temperature_step(step_outcome: StepOutcome) -> None:
     """Every metric of every DUT is within its limits at this temperature."""
-    assert step_result.step == cycle_step
-    raise_for(step_result.verdict, step_result.judgements, step_result.reason)
+    raise_for(step_outcome.verdict, step_outcome.rows, step_outcome.reason)

@@ -111,9 +111,10 @@ class Opened:
     Args:
         config: the bench file.
         lines: whoever owns clock and ports (a lab, a guard); by default they are opened here.
+        start_s: bench time at which a virtual clock begins.
     """
 
-    def __init__(self, config: BenchConfig, lines: Lines | None = None) -> None:
+    def __init__(self, config: BenchConfig, lines: Lines | None = None, *, start_s: float = 0.0) -> None:
         self.config = config
         self.clock: Clock
         self._lines = lines
@@ -121,7 +122,7 @@ class Opened:
         if self._lines is not None:
             self.clock = self._lines.clock
         elif config.clock == "virtual":
-            self._lines = Emulated(config, VirtualClock())
+            self._lines = Emulated(config, VirtualClock(start_s=start_s))
             self.clock = self._lines.clock
         else:
             emulated = [kind for kind, entry in entries.items() if entry.emulated]
@@ -227,7 +228,7 @@ def open_devices(config: BenchConfig) -> Iterator[Opened]:
         opened.close()
 
 
-def open_bench(config: BenchConfig, lines: Lines | None = None) -> Bench:
+def open_bench(config: BenchConfig, lines: Lines | None = None, *, start_s: float = 0.0) -> Bench:
     """Open every device of a bench.
 
     Args:
@@ -237,7 +238,7 @@ def open_bench(config: BenchConfig, lines: Lines | None = None) -> Bench:
     Raises:
         DeviceError: some cannot be opened; the message names each, one a line.
     """
-    opened = Opened(config, lines)
+    opened = Opened(config, lines, start_s=start_s)
     faults = []
     for kind in config.devices():
         try:

@@ -94,7 +94,8 @@ class AngleSweep(FileModel):
 class CycleStep:
     """One temperature step of a cycle.
 
-    `index` counts from 0 within the cycle; `ramp` is +1 while heating, -1 while cooling, by how the step is reached.
+    `index` counts from 0 within the cycle, -1 is the reference sweep before it; `ramp` is +1 while heating, -1 while
+    cooling, by how the step is reached.
     """
 
     cycle: int
@@ -104,7 +105,9 @@ class CycleStep:
 
     @property
     def id(self) -> str:
-        """Test id, as `c0003-07-up+25C`."""
+        """Test id, as `c0003-07-up+25C`; the sweep that references are made of is `c0000-reference+25C`."""
+        if self.index < 0:
+            return f"c{self.cycle:04d}-reference{self.set_temperature_c:+g}C"
         direction = "up" if self.ramp > 0 else "down"
         return f"c{self.cycle:04d}-{self.index:02d}-{direction}{self.set_temperature_c:+g}C"
 

@@ -12,37 +12,11 @@ import pytest
 
 from arl_fixtures.bench.profile import load_profile
 from arl_fixtures.errors import ArlError
+from arl_fixtures.plugin import fixtures
 from arl_fixtures.plugin.allure_output import write_environment
-from arl_fixtures.plugin.fixtures import (
-    bench,
-    bench_files,
-    chiller,
-    clock,
-    cycle_session,
-    duts,
-    relays,
-    stage,
-    step_result,
-    thermometer,
-    twin,
-)
 from arl_fixtures.plugin.options import add_options, allure_folder, read_options
 from arl_fixtures.plugin.outcome import StepFailedError
 from arl_fixtures.plugin.setup import SESSION_KEY, check_files, step_timeout_s
-
-__all__ = [
-    "bench",
-    "bench_files",
-    "chiller",
-    "clock",
-    "cycle_session",
-    "duts",
-    "relays",
-    "stage",
-    "step_result",
-    "thermometer",
-    "twin",
-]
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -53,6 +27,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     """Declare the markers; end like Ctrl-C on SIGTERM and SIGHUP, which pytest alone would not survive."""
     config.addinivalue_line("markers", "cycle: a full aging cycle on the bench")
+    config.pluginmanager.register(fixtures, "arl_fixtures_fixtures")
     if getattr(config, "workerinput", None) is None:
         for number in (signal.SIGTERM, signal.SIGHUP):
             if signal.getsignal(number) is signal.SIG_DFL:

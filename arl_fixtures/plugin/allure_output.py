@@ -6,6 +6,7 @@ import io
 import json
 import platform
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -17,7 +18,7 @@ from matplotlib.figure import Figure
 
 import arl_fixtures
 from arl_fixtures.metrics.step import StepData
-from arl_fixtures.plugin.outcome import verdict_table
+from arl_fixtures.plugin.outcome import Row, verdict_table
 from arl_fixtures.plugin.setup import SessionFiles
 from arl_fixtures.plugin.step_runner import StepResult
 
@@ -31,7 +32,7 @@ CATEGORIES: Final = (
 )
 
 
-def describe(result: StepResult, files: SessionFiles) -> None:
+def describe(result: StepResult, rows: Sequence[Row], files: SessionFiles) -> None:
     """Attach a step's table and figure to the running test; nothing is drawn when nobody collects Allure results."""
     if not files.allure_folder:
         return
@@ -46,8 +47,7 @@ def describe(result: StepResult, files: SessionFiles) -> None:
         with allure.step(f"record {result.bag.path.name}: {result.bag.size_bytes / 1e6:.1f} MB"):
             pass
     with allure.step(f"judge: {result.verdict.value} {result.reason}".rstrip()):
-        table = verdict_table(result.judgements)
-        allure.attach(table, "values and limits", allure.attachment_type.TEXT)
+        allure.attach(verdict_table(rows), "values and limits", allure.attachment_type.TEXT)
     if result.steps:
         allure.attach(figure(result), "intensity and distance error", allure.attachment_type.PNG)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import pytest
 
@@ -13,10 +12,11 @@ from arl_fixtures.bench.profile import CycleStep
 from arl_fixtures.devices.interfaces import Chiller, Relays, Stage, Thermometer
 from arl_fixtures.devices.port import Clock
 from arl_fixtures.errors import ArlError
-from arl_fixtures.plugin.cycle import CycleSession
+from arl_fixtures.plugin.cycle import CycleSession, StepOutcome
 from arl_fixtures.plugin.options import allure_folder, read_options
+from arl_fixtures.plugin.progress import PytestScreen
+from arl_fixtures.plugin.resume import Past
 from arl_fixtures.plugin.setup import SESSION_KEY, SessionFiles, check_files
-from arl_fixtures.plugin.step_runner import StepResult
 from arl_fixtures.twin.frame import Renderer
 
 
@@ -29,10 +29,16 @@ def bench_files(pytestconfig: pytest.Config) -> SessionFiles:
 
 
 @pytest.fixture(scope="session")
-def bench(request: pytest.FixtureRequest, bench_files: SessionFiles) -> Iterator[Bench]:
+def past(bench_files: SessionFiles) -> Past:
+    """What an interrupted session left, with `--resume`; else nothing."""
+    return Past.of(bench_files.options.out, resume=bench_files.options.resume)
+
+
+@pytest.fixture(scope="session")
+def bench(request: pytest.FixtureRequest, bench_files: SessionFiles, past: Past) -> Iterator[Bench]:
     """The bench of `--bench`, opened. However the session ends, it is left safe."""
     try:
-        bench = open_bench(bench_files.bench)
+        bench = open_bench(bench_files.bench, start_s=past.start_s)
     except ArlError as error:
         # without a bench no test can run: say so once
         request.session.shouldstop = f"no bench: {error}"
@@ -88,32 +94,35 @@ def twin(bench_files: SessionFiles) -> dict[str, Renderer]:
 
 @pytest.fixture(scope="session")
 def cycle_session(
-    request: pytest.FixtureRequest, bench: Bench, bench_files: SessionFiles
+    request: pytest.FixtureRequest, bench: Bench, bench_files: SessionFiles, past: Past
 ) -> Iterator[CycleSession]:
     """The cycle under way: bench started, reference recorded, journal open."""
-    steps_total = sum(1 for item in request.session.items if item.get_closest_marker("cycle"))
-    terminal: Any = request.config.pluginmanager.get_plugin("terminalreporter")
-    session = CycleSession(bench, bench_files, steps_total=steps_total, terminal=terminal)
+    plan = planned_steps(request.session.items)
+    session = CycleSession(bench, bench_files, plan, past, screen=PytestScreen(request.config))
     try:
         session.start()
-    except ArlError as error:
-        request.session.shouldstop = f"the cycle cannot start: {error}"
-        session.close()
+    except BaseException as error:
+        session.close(f"did not start: {error}")
+        if isinstance(error, ArlError):
+            request.session.shouldstop = f"the cycle cannot start: {error}"
         raise
     yield session
-    session.close()
+    session.close("finished" if not request.session.shouldstop else str(request.session.shouldstop))
 
 
 @pytest.fixture
-def step_result(
-    request: pytest.FixtureRequest,
-    cycle_session: CycleSession,
-    cycle_step: CycleStep,
-    record_property: Any,  # noqa: ANN401 - pytest gives a function of its own type
-) -> StepResult:
+def step_outcome(
+    request: pytest.FixtureRequest, cycle_session: CycleSession, cycle_step: CycleStep
+) -> StepOutcome:
     """The temperature step of this test: settled, swept, recorded, measured and judged.
 
     Raises:
         StepInvalidError: it could not be measured.
     """
-    return cycle_session.measure(cycle_step, request.node, record_property)
+    return cycle_session.measure(cycle_step, request.node)
+
+
+def planned_steps(items: list[pytest.Item]) -> list[CycleStep]:
+    """The temperature steps of this session, in the order of its tests."""
+    found = [getattr(item, "callspec", None) for item in items if item.get_closest_marker("cycle")]
+    return [spec.params["cycle_step"] for spec in found if spec is not None and "cycle_step" in spec.params]

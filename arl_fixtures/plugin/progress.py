@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final, TextIO, final
+from typing import Any, Final, Protocol, TextIO, final
+
+import pytest
 
 from arl_fixtures.bench.bench import BenchReading
 from arl_fixtures.bench.profile import CycleStep
@@ -30,21 +34,59 @@ class TimeLeft:
         return (now_s - self.started_s) / progress * (self.steps_total - progress)
 
 
+class Screen(Protocol):
+    """Where progress is shown."""
+
+    def write(self, text: str) -> None:
+        """Show `text` at once."""
+
+    @property
+    def terminal(self) -> bool:
+        """Whether the last line can be rewritten."""
+
+
 @final
-class Progress:
-    """Writes progress to a stream.
+class PytestScreen:
+    """The terminal of a pytest session, past its capturing.
 
     Args:
-        stream: where to.
-        terminal: whether the stream is a terminal that can rewrite its last line.
+        config: pytest's.
+    """
+
+    def __init__(self, config: pytest.Config) -> None:
+        reporter: Any = config.pluginmanager.get_plugin("terminalreporter")
+        self._capture: Any = config.pluginmanager.get_plugin("capturemanager")
+        self._stream: TextIO = getattr(getattr(reporter, "_tw", None), "_file", None) or sys.stderr
+        self._fresh = False
+
+    @property
+    def terminal(self) -> bool:
+        """Whether the stream is a terminal."""
+        return self._stream.isatty()
+
+    def write(self, text: str) -> None:
+        """Show `text` at once."""
+        with self._capture.global_and_fixture_disabled() if self._capture else contextlib.nullcontext():
+            # pytest leaves its cursor behind the dots of the tests
+            self._stream.write(text if self._fresh or self.terminal else "\n" + text)
+            self._stream.flush()
+        self._fresh = True
+
+
+@final
+class Progress:
+    """Shows how a cycle goes on.
+
+    Args:
+        screen: where.
         steps_total: steps of the session.
         wall_s: wall clock, for tests.
     """
 
     def __init__(
-        self, stream: TextIO, *, terminal: bool, steps_total: int, wall_s: Callable[[], float] = time.monotonic
+        self, screen: Screen, *, steps_total: int, wall_s: Callable[[], float] = time.monotonic
     ) -> None:
-        self._stream, self._terminal, self._wall_s = stream, terminal, wall_s
+        self._screen, self._terminal, self._wall_s = screen, screen.terminal, wall_s
         self._left = TimeLeft(steps_total, started_s=wall_s())
         self._shown_s = float("-inf")
         self._width = 0
@@ -81,8 +123,7 @@ class Progress:
     def clear(self) -> None:
         """Make room for whoever writes next."""
         if self._terminal and self._width:
-            self._stream.write("\r" + " " * self._width + "\r")
-            self._stream.flush()
+            self._screen.write("\r" + " " * self._width + "\r")
             self._width = 0
 
     def _note(self, reading: BenchReading) -> None:
@@ -108,8 +149,7 @@ class Progress:
         )
         line = " | ".join(part for part in parts if part)
         if self._terminal:
-            self._stream.write("\r" + line.ljust(self._width))
+            self._screen.write("\r" + line.ljust(self._width))
             self._width = len(line)
         else:
-            self._stream.write(line + "\n")
-        self._stream.flush()
+            self._screen.write(line + "\n")
