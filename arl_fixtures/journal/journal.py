@@ -1,0 +1,169 @@
+"""The journal: append only, on the platter before anything depends on it."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Protocol, Self, final
+
+from arl_fixtures.errors import StorageError
+from arl_fixtures.journal.entries import Identity, JournalModel, Repair, SessionBegin, SessionResume
+from arl_fixtures.journal.lines import FIRST, encode, line_hash, read_lines
+from arl_fixtures.journal.record import SessionRecord, read_journal
+
+_SHOWN_BYTES: Final = 200
+
+
+class Clock(Protocol):
+    """What a journal asks of the bench clock."""
+
+    @property
+    def now_s(self) -> float:
+        """Seconds on the bench clock."""
+
+    def utc_ns(self) -> int:
+        """Bench UTC, nanoseconds."""
+
+
+@final
+class Journal:
+    """One session's journal, open for writing. Only one process has it at a time.
+
+    Made by `create` or `resume`.
+    """
+
+    def __init__(self, path: Path, descriptor: int, clock: Clock, *, seq: int, size: int, prev: str) -> None:
+        self.path = path
+        self._descriptor, self._clock = descriptor, clock
+        self._seq, self._size, self._prev = seq, size, prev
+
+    @classmethod
+    def create(cls, path: Path, begin: SessionBegin, clock: Clock) -> Self:
+        """Begin a session in a new file.
+
+        Raises:
+            StorageError: the file exists or cannot be written.
+        """
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise StorageError(f"{path.parent}: cannot create: {error.strerror}") from None
+        journal = cls(path, _open(path, os.O_CREAT | os.O_EXCL), clock, seq=0, size=0, prev=FIRST)
+        with journal._closing_on_error():
+            journal.append(begin)
+            _sync_folder(path.parent)
+        return journal
+
+    @classmethod
+    def resume(cls, path: Path, identity: Identity, clock: Clock, reason: str = "") -> Self:
+        """Go on in an existing file; a torn last line is cut off and the cut is journalled.
+
+        Whether the identity is the session's own is for `check_same` to say, before.
+
+        Raises:
+            DataError: the file is damaged before its last line.
+            StorageError: another process has it, or it cannot be written.
+        """
+        journal = cls(path, _open(path, 0), clock, seq=0, size=0, prev=FIRST)
+        with journal._closing_on_error():
+            contents = read_lines(path)
+            journal._seq, journal._size, journal._prev = len(contents.lines), contents.size, contents.last_hash
+            entries: list[JournalModel] = []
+            if contents.torn:
+                os.ftruncate(journal._descriptor, contents.size)
+                shown = contents.torn[:_SHOWN_BYTES].decode("utf-8", "backslashreplace").replace("\x00", "\\0")
+                entries.append(Repair(discarded_bytes=len(contents.torn), discarded=shown))
+            journal.append_many([*entries, SessionResume(identity=identity, reason=reason)])
+        return journal
+
+    @staticmethod
+    def read(path: Path) -> SessionRecord:
+        """What a journal says; see `read_journal`."""
+        return read_journal(path)
+
+    def append(self, entry: JournalModel) -> int:
+        """Write one entry through to the platter.
+
+        Returns:
+            its sequence number.
+
+        Raises:
+            StorageError: it could not be written; the file is as it was before.
+        """
+        return self.append_many([entry])
+
+    def append_many(self, entries: Sequence[JournalModel]) -> int:
+        """Write several entries with one sync; after a crash any number of the first may be there.
+
+        Returns:
+            sequence number of the last.
+        """
+        time_s, utc_ns = self._clock.now_s, self._clock.utc_ns()
+        block, prev = b"", self._prev
+        for number, entry in enumerate(entries, start=self._seq):
+            line = encode(number, time_s, utc_ns, prev, entry)
+            block, prev = block + line, line_hash(line)
+        try:
+            _write_all(self._descriptor, block)
+            os.fdatasync(self._descriptor)
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._descriptor, self._size)
+            raise StorageError(f"{self.path}: cannot write journal: {error.strerror}") from None
+        self._seq, self._size, self._prev = self._seq + len(entries), self._size + len(block), prev
+        return self._seq - 1
+
+    def close(self) -> None:
+        """Let go of the file."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @contextlib.contextmanager
+    def _closing_on_error(self) -> Iterator[None]:
+        try:
+            yield
+        except BaseException:
+            self.close()
+            raise
+
+
+def _open(path: Path, flags: int) -> int:
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC | flags, 0o644)
+    except FileExistsError:
+        raise StorageError(f"{path}: journal exists already and is not overwritten") from None
+    except OSError as error:
+        raise StorageError(f"{path}: cannot open journal: {error.strerror}") from None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise StorageError(f"{path}: journal is in use by another session") from None
+    return descriptor
+
+
+def _write_all(descriptor: int, data: bytes) -> None:
+    view = memoryview(data)
+    while view:
+        view = view[os.write(descriptor, view) :]
+
+
+def _sync_folder(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
