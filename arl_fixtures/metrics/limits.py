@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from arl_fixtures.errors import ConfigError, UnitError
 from arl_fixtures.quantity import check_unit
@@ -112,7 +112,16 @@ class LimitSet(FileModel):
     name: str = Field(min_length=1)
     version: int = Field(ge=1)
     decision: Decision = Decision()
-    limits: tuple[Limit, ...] = Field(min_length=1)
+    limits: tuple[Limit, ...]
+
+    @field_validator("limits")
+    @classmethod
+    def _not_empty(cls, limits: tuple[Limit, ...]) -> tuple[Limit, ...]:
+        # pydantic's own min_length also counts a limit as missing that was refused
+        if not limits:
+            msg = "no limit given; expected at least one"
+            raise ValueError(msg)
+        return limits
 
     @cached_property
     def by_metric(self) -> dict[str, tuple[Limit, ...]]:

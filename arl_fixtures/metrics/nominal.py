@@ -39,6 +39,7 @@ def nominal_sweep(geometry: Geometry) -> SweepSummary:
         arrived=np.full(shape, AS_IF_FRAMES, dtype=np.uint8),
         intensity_returns=returns,
         distance_returns=returns,
+        constant=np.zeros(shape, dtype=np.bool_),
         intensity_counts=np.stack([spread.intensity_counts for spread in spreads]),
         distance_m=np.stack([spread.distance_m for spread in spreads]),
         intensity_variance=np.stack([spread.intensity_std_counts for spread in spreads]) ** 2,

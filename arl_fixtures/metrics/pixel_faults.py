@@ -65,9 +65,8 @@ def pixel_faults(step: StepData) -> PixelFaults:
     # a pixel that never moves although its scene does, in any frame of any angle
     low = np.where(seen, level, np.inf).min(axis=0)
     high = np.where(seen, level, -np.inf).max(axis=0)
-    scatter = np.nan_to_num(sweep.intensity_variance).max(axis=0)
     expected_span = np.ptp(geometry.intensity_counts, axis=0)
-    stuck = ~dead & ~undecided & (high <= low) & (scatter == 0.0) & (expected_span > threshold)
+    stuck = ~dead & ~undecided & (high <= low) & sweep.constant.all(axis=0) & (expected_span > threshold)
     if stuck.mean() > MOST_FROZEN:
         raise NotMeasurableError(f"{int(stuck.sum())} pixels never change: the DUT repeats a frozen frame")
 

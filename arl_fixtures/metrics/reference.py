@@ -95,7 +95,7 @@ class Reference:
             DataError: it is not a reference of this schema.
         """
         try:
-            with np.load(path, allow_pickle=False) as file:
+            with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
                 content = {name: file[name] for name in file.files}
             if str(content["schema"]) != SCHEMA:
                 raise DataError(f"{path}: schema '{content['schema']}'; expected '{SCHEMA}'")

@@ -24,12 +24,16 @@ Float64Array = npt.NDArray[np.float64]
 UInt8Array = npt.NDArray[np.uint8]
 
 FEWEST_RETURNS: Final = 3
+SERIES_DOF: Final = 100.0
 
 
 def c4(dof: npt.ArrayLike) -> Float64Array:
     """Expected value of s/σ for a sample standard deviation with `dof` degrees of freedom (normal values)."""
     nu = np.asarray(dof, dtype=np.float64)
-    factor: Float64Array = np.sqrt(2.0 / nu) * np.exp(gammaln((nu + 1.0) / 2.0) - gammaln(nu / 2.0))
+    exact = np.sqrt(2.0 / nu) * np.exp(gammaln((nu + 1.0) / 2.0) - gammaln(nu / 2.0))
+    # the logarithms' difference loses digits as ν grows; the series has them all by then
+    series = 1.0 - 1.0 / (4.0 * nu) + 1.0 / (32.0 * nu**2) + 5.0 / (128.0 * nu**3)
+    factor: Float64Array = np.where(nu < SERIES_DOF, exact, series)
     return factor
 
 

@@ -11,7 +11,7 @@ pixels' own scatter. The weights need only be roughly inverse to the variance; a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple, final
 
@@ -47,6 +47,7 @@ class SweepSummary:
         arrived: (n, H, W) frames whose row arrived; less than `frames` where packets were lost.
         intensity_returns: (n, H, W) frames with an intensity above 0.
         distance_returns: (n, H, W) frames with a distance.
+        constant: (n, H, W) the intensity was the same in every frame.
         intensity_counts: (n, H, W) mean over the frames with a return; NaN where there is none.
         distance_m: (n, H, W) likewise.
         intensity_variance: (n, H, W) temporal variance of the pixel's own part, counts², ddof 1; NaN below 2 returns.
@@ -67,6 +68,7 @@ class SweepSummary:
     arrived: UInt8Array
     intensity_returns: UInt8Array
     distance_returns: UInt8Array
+    constant: BoolArray
     intensity_counts: Float32Array
     distance_m: Float32Array
     intensity_variance: Float32Array
@@ -108,6 +110,7 @@ class _Reduced:
     angle_index: int
     time_ns: int
     arrived: UInt8Array
+    constant: BoolArray
     frames: int
     shape: tuple[int, int]
     intensity: _Channel
@@ -167,6 +170,7 @@ class SweepStatistics:
             arrived=np.stack([np.broadcast_to(angle.arrived[:, None], angle.shape) for angle in angles]),
             intensity_returns=_stacked([angle.intensity.returns for angle in angles], shape, np.uint8),
             distance_returns=_stacked([angle.distance.returns for angle in angles], shape, np.uint8),
+            constant=_stacked([angle.constant for angle in angles], shape, np.bool_),
             intensity_counts=_stacked([angle.intensity.mean for angle in angles], shape),
             distance_m=_stacked([angle.distance.mean for angle in angles], shape),
             intensity_variance=_stacked([angle.intensity.variance for angle in angles], shape),
@@ -183,13 +187,16 @@ class SweepStatistics:
         )
 
 
-def _stacked(rows: list[Float32Array], shape: tuple[int, int], dtype: npt.DTypeLike = np.float32) -> npt.NDArray[Any]:
+def _stacked(
+    rows: Sequence[npt.NDArray[Any]], shape: tuple[int, int], dtype: npt.DTypeLike = np.float32
+) -> npt.NDArray[Any]:
     return np.stack([row.reshape(shape) for row in rows], dtype=dtype, casting="unsafe")
 
 
 def _reduce(block: AngleBlock) -> _Reduced:
     n, returns_kept, height, width = block.intensity_counts.shape
-    intensity = block.intensity_counts[:, 0].reshape(n, -1).astype(np.float32)
+    counts = block.intensity_counts[:, 0].reshape(n, -1)
+    intensity = counts.astype(np.float32)
     lit = intensity > 0
     lit_count = np.add.reduce(lit, axis=0, dtype=np.float32)
     mean_counts = _mean(intensity, lit_count)
@@ -211,6 +218,7 @@ def _reduce(block: AngleBlock) -> _Reduced:
         angle_index=block.angle_index,
         time_ns=int(block.time_ns[0]),
         arrived=block.row_valid.sum(axis=0, dtype=np.uint8),
+        constant=(counts == counts[0]).all(axis=0),
         frames=n,
         shape=(height, width),
         intensity=_split(intensity, lit, lit_count, mean_counts, mean_counts, np.reciprocal(shot)),

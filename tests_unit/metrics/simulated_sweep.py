@@ -16,6 +16,7 @@ from arl_fixtures.metrics.statistics import SweepStatistics, SweepSummary
 from arl_fixtures.metrics.step import StepData
 from arl_fixtures.twin.frame import Renderer
 from arl_fixtures.twin.noise import code_frames, scatter
+from arl_fixtures.twin.operating import operating_data
 from arl_fixtures.twin.scene import SceneSettings
 from arl_fixtures.twin.settings import DutSettings
 
@@ -55,7 +56,7 @@ class SimulatedBench:
                 intensity_counts=intensity,
                 distance_m=distance_m,
                 row_valid=np.ones((self.frames, dut.rows), bool),
-                operating=operating or {},
+                operating=operating_data(dut.operating, 25.0) if operating is None else operating,
             )
 
     def sweep(self, seed: int) -> SweepSummary:
