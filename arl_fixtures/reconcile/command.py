@@ -79,12 +79,11 @@ def predict(model_dir: Path, table_path: Path, out_file: Path) -> None:
     out_file = Path(out_file)
     columns = load_table(Path(table_path), for_prediction=True, limit=1 << 62)
     names = [c.name for c in columns.channels if c.role is not Role.SCATTER]
-    wanted = sorted({c for item in model.effects for c in item.channels} & {f"{n}_std" for n in names})
     pieces: dict[str, list[FloatArray]] = {}
     for start in range(0, columns.n, CHUNK):
         view = View(columns, None if columns.n <= CHUNK else np.arange(start, min(start + CHUNK, columns.n)))
         state = corrected_state(model, terms_of(model, view, model_path), view)
-        for name in [*names, *wanted, *_scatter_channels(columns)]:
+        for name in [*names, *_scatter_channels(columns)]:
             if name in state:
                 pieces.setdefault(f"corrected_{name}", []).append(state[name])
     table = pa.table({name: np.concatenate(parts) for name, parts in pieces.items()})

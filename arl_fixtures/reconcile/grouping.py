@@ -16,6 +16,7 @@ from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray
 
 UNIT_WORDS = ("zone", "pixel", "channel", "sensor", "device", "unit", "module", "serial", "run", "tap")
 BLOCKS_WITHOUT_STEPS = 16
+FEWEST_BLOCKS = 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,7 +54,7 @@ def find_groups(table: Columns) -> Groups:
     step = _dense(unit, table.group(*step_columns)) if step_columns else unit
     name = "temperature steps"
     angle = _dense(unit, table.codes_of("stage_angle_deg")) if _few(table, "stage_angle_deg") else None
-    if step.max() - unit.max() < 3:
+    if step.max() == unit.max():
         swept = swept_column(table)
         if swept:
             step = _dense(unit, _blocks_along(table.numbers[swept], unit))
@@ -68,7 +69,7 @@ def find_groups(table: Columns) -> Groups:
     if frame is not None and frame.max() == step.max():
         frame = None
     block = step
-    if step.max() < 3:
+    if step.max() < FEWEST_BLOCKS - 1:
         block, name = _last_resort(table, unit)
     return Groups(
         unit=unit, step=step, frame=frame, pixel=pixel, angle=angle, block=block, block_name=name,

@@ -183,7 +183,7 @@ def terms_of(model: ModelFile, view: View, path: Path) -> list[Term]:
         missing = [c for c in item.drivers if not (view.has(c) or view.has(f"sim_{c}"))]
         if missing:
             raise DataError(f"the table lacks column '{missing[0]}', which drives {item.effect}")
-        variant = _variant_of(item, view)
+        variant = _variant_of(item)
         fields = {
             name: {tuple(str(k) for k in row[:-1]): float(row[-1]) for row in field.levels}
             for name, field in item.fields.items()
@@ -197,15 +197,13 @@ def terms_of(model: ModelFile, view: View, path: Path) -> list[Term]:
                 fields=fields or None,
                 unit=unit,
                 unit_column=column,
-            )  # fmt: skip
+            )
         )
     return terms
 
 
-def _variant_of(item: EffectFile, view: View) -> Variant:
-    for variant in library()[item.effect].variants(view):
-        if dict(variant.options) == dict(item.options):
-            return variant
+def _variant_of(item: EffectFile) -> Variant:
+    """The variant as it was found: its references to the first table stand in its options."""
     parameters = tuple(
         Parameter(name=name, unit="1", low=-np.inf, high=np.inf, null=0.0, typical=1.0, per=tuple(field.per))
         for name, field in item.fields.items()
@@ -239,7 +237,7 @@ def laws_of(model: ModelFile) -> list[Law]:
                 binned_names=() if trees is None else tuple(trees.columns),
                 edges=[] if trees is None else [np.array(e) for e in trees.edges],
                 rate=0.2 if trees is None else trees.rate,
-            )  # fmt: skip
+            )
         )
     return laws
 

@@ -31,6 +31,7 @@ class Level:
         count: number of groups.
         scale: shape of the shared error on each row: τ·scale is its standard deviation.
         floor: lower bound of τ (1 where the scale is the declared repeatability).
+        declared: whether the table states this scatter.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Level:
     count: int
     scale: FloatArray
     floor: float = 0.0
+    declared: bool = False
 
 
 @dataclass(frozen=True, slots=True)

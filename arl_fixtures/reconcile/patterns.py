@@ -220,9 +220,9 @@ def _scatter_of(
     sums, weight = partial.group_sums(residual, level.name)
     lost = float(data.units if data.calibrated else 0)
     tau, gain = fit_tau(sums, weight, floor=level.floor, lost=lost)
-    declared = any(lv.floor > 0 for lv in data.levels)
+    declared = any(lv.declared for lv in data.levels)
     size = tau * float(np.median(level.scale))
-    if gain < SCATTER_GAIN or (level.floor > 0 and tau < 1.4):
+    if gain < SCATTER_GAIN or (level.floor > 0 and (tau < 1.4 or not level.declared)):
         return None
     if not declared:
         frames = np.maximum(problem.view.frames()[data.use], 1.0)

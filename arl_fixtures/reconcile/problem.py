@@ -15,6 +15,8 @@ from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
 
 FOLDS = 5
+FEWEST_STEPS = 6
+"""Steps from which an undeclared scatter between steps can be estimated."""
 CALIBRATED = (Role.INTENSITY, Role.DISTANCE)
 """Roles whose gain or offset a user calibrates per unit: a constant of theirs carries no finding."""
 
@@ -160,10 +162,12 @@ class Problem:
                 if made is not None:
                     levels.append(made)
         declared = self.columns.numbers.get(f"sim_{channel.name}_repeat_std")
-        floor, step_scale = 0.0, scale
+        floor, step_scale, stated_shared = 0.0, scale, False
         if declared is not None and np.any(declared[rows] > 0):
-            step_scale, floor = np.nan_to_num(declared[rows]), 1.0
-        made = _level("step", groups.step[rows], step_scale, floor=floor)
+            step_scale, floor, stated_shared = np.nan_to_num(declared[rows]), 1.0, True
+        elif len(np.unique(groups.step[rows])) < FEWEST_STEPS:
+            floor = 1.0  # neither declared nor to be estimated: what a step shares carries no evidence
+        made = _level("step", groups.step[rows], step_scale, floor=floor, fewest=1, declared=stated_shared)
         if made is not None:
             levels.append(made)
         expect = np.ones(len(use))
@@ -243,11 +247,15 @@ def shortfall(frames: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(2.0 / (n - 1.0)) * np.exp(gammaln(n / 2.0) - gammaln((n - 1.0) / 2.0)))
 
 
-def _level(name: str, code: IntArray, scale: FloatArray, *, floor: float = 0.0) -> Level | None:
+def _level(
+    name: str, code: IntArray, scale: FloatArray, *, floor: float = 0.0, fewest: int = 3, declared: bool = False
+) -> Level | None:
     present, inverse = np.unique(code, return_inverse=True)
-    if len(present) < 3 or len(code) < 2 * len(present):
+    if len(present) < fewest or len(code) < 2 * len(present):
         return None
-    return Level(name=name, code=inverse.astype(np.int64), count=len(present), scale=scale, floor=floor)
+    return Level(
+        name=name, code=inverse.astype(np.int64), count=len(present), scale=scale, floor=floor, declared=declared
+    )
 
 
 def folds_of(block: IntArray, folds: int) -> IntArray:
