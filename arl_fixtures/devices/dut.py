@@ -42,7 +42,7 @@ class HflSettings(Hfl110Wire):
             at each angle.
         frame_timeout_s: an incomplete frame is given up when nothing of it has come for this long.
         fewest_rows: a frame with fewer rows is dropped and counted.
-        silence_s: a DUT of which nothing came for this long is silent.
+        silence_s: a DUT of which nothing came for this long is silent; longer than it takes to start.
         operating_max_age_s: operating data older than this are not recorded with a frame set.
         refuse_frozen: whether pixels that are the same in all frames of a set are an error.
     """
@@ -53,7 +53,7 @@ class HflSettings(Hfl110Wire):
     exposure_lead_s: float = Field(default=FRAME_PERIOD_S, ge=0, le=1)
     frame_timeout_s: float = Field(default=0.060, gt=0)
     fewest_rows: int = Field(default=8, ge=1, le=ROWS)
-    silence_s: float = Field(default=2.0, gt=0)
+    silence_s: float = Field(default=3.0, gt=0)
     operating_max_age_s: float = Field(default=1.0, gt=0)
     refuse_frozen: bool = True
 
@@ -171,7 +171,7 @@ class HflReceiver:
             self._sort(self._ports.frames.receive(min(deadline_s - now_s, settings.frame_timeout_s)), from_s)
             missing = [sensor for sensor in missing if len(sensor.frames) < n_frames]
         self._read_records()
-        late = {sensor.serial for sensor in missing}
+        late = tuple(sensor.serial for sensor in missing)
         blocks = {
             sensor.serial: self._block(sensor, n_frames, angle_index=angle_index, stage_angle_deg=stage_angle_deg)
             for sensor in wanted
@@ -179,7 +179,7 @@ class HflReceiver:
         }
         if missing:
             said = "; ".join(self._silence(sensor, n_frames, start_s) for sensor in missing)
-            raise DutSilentError(said, serials=tuple(late), blocks=blocks)
+            raise DutSilentError(said, serials=late, blocks=blocks)
         self._refuse_frozen(wanted, n_frames, blocks)
         return blocks
 
