@@ -20,12 +20,27 @@ def _deviates(rng: np.random.Generator, size: int, tails: str) -> np.ndarray:
     if tails == "heavy":
         return rng.standard_t(4, size=size) / np.sqrt(2.0)
     z = rng.normal(size=size)
-    return np.where(rng.random(size) < 0.05, 8.0 * z, z) if tails == "outliers" else z
+    return np.where(rng.random(size) < 0.05, 5.0 * z, z) if tails == "outliers" else z
 
 
 def _group_draw(rng: np.random.Generator, labels: np.ndarray) -> np.ndarray:
     _, where = np.unique(labels, return_inverse=True)
     return rng.normal(size=int(where.max()) + 1)[where]
+
+
+def _per_sweep(values: np.ndarray, sweep: np.ndarray) -> np.ndarray:
+    """One value per sweep, given to all its rows."""
+    _, first, where = np.unique(sweep, return_index=True, return_inverse=True)
+    return values[first][where]
+
+
+def _frame_common(channel: str, mean: np.ndarray, effects: list[tuple[Effect, float]]) -> np.ndarray:
+    """One-frame scatter that all rows of a sweep share, because they are read from the same frames."""
+    shared = np.zeros(mean.size)
+    for effect, amount in effects:
+        if effect.kind == "scatter" and effect.common_scale is not None and channel in effect.channels:
+            shared = np.hypot(shared, effect.common_scale(mean, amount))
+    return shared
 
 
 def _measure(
@@ -42,22 +57,24 @@ def _measure(
     scale = shared_scale(sensor, sim, conceal)
     out = {}
     for channel in sensor.channels:
-        mean, std = truth.mean[channel].copy(), truth.std[channel]
+        mean, std = truth.mean[channel], truth.std[channel]
+        jitter = _frame_common(channel, mean, effects)
+        own = np.sqrt(np.maximum(std**2 - jitter**2, 0.0))
         noise = np.where(held, rng.normal(size=size), _deviates(rng, size, conceal.tails))
-        value = mean + noise * std / np.sqrt(sensor.n_frames)
+        value = mean + (noise * own + jitter * _group_draw(rng, sensor.sweep)) / np.sqrt(sensor.n_frames)
         if scale[channel] is not None:
             value += scale[channel] * _group_draw(rng, sensor.group)
         for effect, amount in effects:
             if effect.kind == "common" and channel in effect.channels and effect.common_scale is not None:
                 labels = sensor.sweep if effect.nature == "sweep" else sensor.group
-                value += effect.common_scale(truth.mean[channel], amount) * _group_draw(rng, labels)
+                value += effect.common_scale(mean, amount) * _group_draw(rng, labels)
         blind = truth.valid <= 0
         out[channel] = np.where(blind, np.nan, value)
         if conceal.with_std:
             free = np.maximum(sensor.n_frames - 1, 1)
-            out[f"{channel}_std"] = np.where(
-                blind | (sensor.n_frames < 2), np.nan, std * np.sqrt(rng.chisquare(free) / free)
-            )
+            together = _per_sweep(rng.chisquare(free) / free, sensor.sweep)
+            sample = np.sqrt(own**2 * rng.chisquare(free) / free + jitter**2 * together)
+            out[f"{channel}_std"] = np.where(blind | (sensor.n_frames < 2), np.nan, sample)
     return out
 
 
@@ -81,9 +98,9 @@ def build(
     seen = ~held & (rng.random(held.size) >= conceal.holes)
     drawn, told = [], []
     for effect, goal in zip(effects, wanted, strict=True):
-        amount, reached = reach(sensor, effect, goal, conceal, seen)
+        amount, _ = reach(sensor, effect, goal, conceal, seen)
         drawn.append((effect, amount))
-        told.append(describe(effect, amount, reached, sensor))
+        told.append(describe(sensor, effect, amount, conceal, seen))
     nominal = sensor.answer([])
     truth = sensor.answer(drawn)
     sim = calibrated(sensor, nominal, truth, conceal.calibration, seen)

@@ -19,7 +19,7 @@ class Concealment:
 
     `repeat` is "declared" (in the table), "undeclared" (there, not in the table) or "none"; `calibration` what was
     refitted on the corrupted data: "none", "global" or "pixel"; `tails` the rows' noise: "normal", "heavy" (Student
-    t, 4 degrees of freedom, unit variance) or "outliers" (5 % of the rows scatter eight times as much).
+    t, 4 degrees of freedom, unit variance) or "outliers" (5 % of the rows scatter five times as much).
     """
 
     repeat: str = "declared"
@@ -82,13 +82,15 @@ def calibrated(sensor: Sensor, sim: Expected, truth: Expected, kind: str, fit: n
     return Expected(mean, sim.std, sim.valid)
 
 
-def visibility(sensor: Sensor, effect: Effect, amount: float, conceal: Concealment, seen: np.ndarray) -> float:
-    """The oracle's lambda of one effect at an amount, on the rows that the tool will see."""
+def visibility_by_channel(
+    sensor: Sensor, effect: Effect, amount: float, conceal: Concealment, seen: np.ndarray
+) -> dict[str, float]:
+    """The oracle's lambda² of one effect at an amount, per channel, on the rows that the tool will see."""
     sim = sensor.answer([])
     scale = shared_scale(sensor, sim, conceal)
     if effect.kind == "dead":
-        return float(10.0 * np.sqrt(amount))
-    total = 0.0
+        return {effect.channels[0]: 100.0 * amount}
+    found: dict[str, float] = {}
     truth = sensor.answer([(effect, amount)])
     adjusted = calibrated(sensor, sim, truth, conceal.calibration, seen)
     for channel in sensor.channels:
@@ -100,21 +102,25 @@ def visibility(sensor: Sensor, effect: Effect, amount: float, conceal: Concealme
             group = sensor.sweep if effect.nature == "sweep" else sensor.group
             known = scale[channel] if effect.nature != "sweep" else None
             cut = None if known is None else known[seen]
-            total += common_scatter_information(extra[seen], sigma[seen], cut, group[seen])
+            found[channel] = common_scatter_information(extra[seen], sigma[seen], cut, group[seen])
             continue
         std = truth.std[channel]
         frames = sensor.n_frames if conceal.with_std else np.ones(sensor.n_frames.size)
         if effect.kind == "scatter":
-            total += scatter_information(std[seen], sim.std[channel][seen], frames[seen])
+            found[channel] = scatter_information(std[seen], sim.std[channel][seen], frames[seen])
             continue
         shift = np.where(seen, truth.mean[channel] - adjusted.mean[channel], np.nan)
         sigma = np.where(seen, sim.std[channel] / np.sqrt(sensor.n_frames), np.nan)
-        total += mean_information(
-            shift, sigma, scale[channel], sensor.group, _nuisance(sensor, channel, sim.mean[channel])
-        )
+        nuisance = _nuisance(sensor, channel, sim.mean[channel])
+        found[channel] = mean_information(shift, sigma, scale[channel], sensor.group, nuisance)
         if conceal.with_std:
-            total += scatter_information(std[seen], sim.std[channel][seen], frames[seen] - 1.0)
-    return float(np.sqrt(total))
+            found[channel] += scatter_information(std[seen], sim.std[channel][seen], frames[seen] - 1.0)
+    return found
+
+
+def visibility(sensor: Sensor, effect: Effect, amount: float, conceal: Concealment, seen: np.ndarray) -> float:
+    """The oracle's lambda of one effect at an amount, all channels together."""
+    return float(np.sqrt(sum(visibility_by_channel(sensor, effect, amount, conceal, seen).values())))
 
 
 def reach(
@@ -166,11 +172,15 @@ def band_of(value: float) -> str:
     return "hidden" if value < 4.5 else "faint" if value < 8 else "moderate" if value < 20 else "strong"
 
 
-def describe(effect: Effect, amount: float, value: float, sensor: Sensor) -> dict[str, Any]:
+def describe(sensor: Sensor, effect: Effect, amount: float, conceal: Concealment, seen: np.ndarray) -> dict[str, Any]:
     """The sealed truth about one effect."""
+    parts = visibility_by_channel(sensor, effect, amount, conceal, seen)
+    value = float(np.sqrt(sum(parts.values())))
     where = effect.where and {
         k: [sensor.labels.get(x, x) if isinstance(x, str) else x for x in v] for k, v in effect.where.items()
     }
+    looks_like = list(effect.equivalents)
+    looks_like += [other for channel, other in effect.unless_seen if parts.get(channel, 0.0) < BANDS["faint"][0] ** 2]
     return {
         "effect": effect.effect,
         "nature": effect.nature,
@@ -180,7 +190,8 @@ def describe(effect: Effect, amount: float, value: float, sensor: Sensor) -> dic
         "amount": amount,
         "lambda": value,
         "band": band_of(value),
+        "lambda_by_channel": {c: float(np.sqrt(v)) for c, v in parts.items()},
         "parameters": [asdict(p) for p in effect.parameters(amount)],
-        "equivalents": list(effect.equivalents),
+        "equivalents": looks_like,
         "kind": effect.kind,
     }

@@ -51,6 +51,8 @@ class Effect:
         unseen: kinds of held-out blocks on which a right model must still predict.
         needs: columns that may not be dropped.
         equivalents: ids that this design cannot tell apart; naming one of them is a class, not an error.
+        unless_seen: (channel, id): another id that the effect looks like unless it is visible in that channel.
+        common_scale: of "common" effects, and of scatter that all rows of a sweep share: (expected, amount) -> scale.
         calibrations: what may be refitted on the corrupted data without destroying the effect.
     """
 
@@ -67,6 +69,7 @@ class Effect:
     unseen: tuple[str, ...] = ("steps", "angles")
     needs: tuple[str, ...] = ()
     equivalents: tuple[str, ...] = ()
+    unless_seen: tuple[tuple[str, str], ...] = ()
     calibrations: tuple[str, ...] = ("none", "global")
     common_scale: Callable[[Any, float], dict[str, np.ndarray]] | None = None
 

@@ -151,7 +151,11 @@ def _zero_offset(rng: np.random.Generator, rows: Rows, design: Design) -> Effect
         limit=2.0,
         needs=("stage_angle_deg", *FIELD),
         unseen=("steps", "dut"),
-        equivalents=("mount.tilt",) if len(design.duts) == 1 else (),
+        equivalents=(
+            *(("mount.tilt",) if len(design.duts) == 1 else ()),
+            # frames that come late in an ordered sweep shift every angle towards the one before
+            *(("acquisition.frame_lag",) if way < 0 and not design.shuffled else ()),
+        ),
         parameters=lambda a: (Parameter(pattern="zero|offset|angle", value=way * a, unit="deg"),),
     )
 

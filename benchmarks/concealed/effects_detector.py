@@ -69,6 +69,7 @@ def _pile_up(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
 
     return Effect(
         effect="detector.pile_up",
+        unless_seen=((DISTANCE, "detector.compression"), (INTENSITY, "timing.range_walk")),
         apply=apply,
         channels=(INTENSITY, DISTANCE),
         drivers=BRIGHT,

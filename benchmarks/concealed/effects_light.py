@@ -73,6 +73,8 @@ def _energy_jitter(rng: np.random.Generator, rows: Rows, design: Design) -> Effe
         apply=apply,
         channels=("intensity_counts_std", INTENSITY),
         kind="scatter",
+        nature="sweep",
+        common_scale=lambda expected, amount: amount * expected,
         drivers=("sim_intensity_counts", "reflectance", "surface", "sim_intensity_counts_std"),
         start=0.003,
         limit=0.1,
@@ -374,6 +376,7 @@ def _defocus(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
         needs=(*FIELD, "stage_angle_deg"),
         unseen=("steps",),
         equivalents=("target.edge_mixing",) if static else (),
+        unless_seen=((DISTANCE, "detector.crosstalk"),) if static else (),
     )
 
 

@@ -170,11 +170,13 @@ def pairs(rng: np.random.Generator, count: int) -> list[Order]:
     for _ in range(count):
         while True:
             one, two = (free[i] for i in rng.choice(len(free), size=2, replace=False))
-            if not (one.effect in OWN_DESIGN and two.effect in OWN_DESIGN):
+            masked = len(batch) % 3 == 2  # what masks shares the channel with what it hides
+            alike = one.effect.startswith("timing.") == two.effect.startswith("timing.")
+            if not (one.effect in OWN_DESIGN and two.effect in OWN_DESIGN) and (alike or not masked):
                 break
-        # masked pairs share a channel; the one that needs its own design brings it
+        # the one that needs its own design brings it
         first, second = (two, one) if two.effect in OWN_DESIGN else (one, two)
-        bands = ("masked", "masked") if rng.random() < 0.3 else ("moderate", "moderate")
+        bands = ("masked", "masked") if masked else ("moderate", "moderate")
         batch.append(Order("pair", (first, second), bands))
     return batch
 
@@ -183,6 +185,7 @@ def orders(rng: np.random.Generator, count: int) -> list[Order]:
     """A batch: one in six null, one in eight a pair, one in six outside the library, the rest singles in turn."""
     walk = iter(np.tile(rng.permutation(len(LIBRARY)), 1 + count // len(LIBRARY)))
     strange = iter(np.tile(rng.permutation(len(UNKNOWN)), 1 + count // len(UNKNOWN)))
+    couples = iter(pairs(rng, 1 + count // 8))
     bands, batch = tuple(BANDS), []
     for k in range(count):
         band = bands[(k + k // 6) % 3]
@@ -191,7 +194,7 @@ def orders(rng: np.random.Generator, count: int) -> list[Order]:
         elif k % 6 == 3:
             batch.append(Order("unknown", (UNKNOWN[next(strange)],), (band,)))
         elif k % 8 == 4:
-            batch += pairs(rng, 1)
+            batch.append(next(couples))
         else:
             batch.append(Order("single", (LIBRARY[next(walk)],), (band,)))
     return batch

@@ -372,6 +372,7 @@ def _first_photon(rng: np.random.Generator, rows: PointRows, design: PointDesign
 
     return Effect(
         effect="detector.pile_up",
+        unless_seen=((DISTANCE, "detector.compression"), (INTENSITY, "timing.range_walk")),
         apply=apply,
         channels=(INTENSITY, DISTANCE),
         drivers=BRIGHT,

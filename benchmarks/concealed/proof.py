@@ -32,7 +32,7 @@ def run(folder: Path, workers: int) -> list[Score]:
 
     def one(truth: dict[str, Any]) -> Score:
         mark = score(truth, folder, ask(folder / truth["name"], asked / truth["name"]))
-        said = ", ".join(mark.said) or mark.failed[:100] or "consistent"
+        said = ", ".join(mark.said) or (mark.failed.splitlines() or ["consistent"])[-1][:100]
         told = ", ".join(f"{e['effect']} λ {e['lambda']:.0f}" for e in truth["effects"]) or "nothing"
         good = mark.exact if mark.kind in ("single", "pair") else mark.named
         print(f"{mark.name} {'+' if good else '-'} {mark.seconds:5.1f} s  {told}  ->  {said}", flush=True)

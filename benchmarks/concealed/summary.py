@@ -85,7 +85,11 @@ def as_markdown(lines: list[Line], scores: list[Score], heading: str) -> str:
         "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for s in scores:
-        said = ", ".join(s.said) if s.said else (s.failed.replace("|", "/").replace("\n", " ")[:80] or "consistent")
+        said = (
+            ", ".join(s.said)
+            if s.said
+            else (s.failed.replace("|", "/").strip().splitlines() or ["consistent"])[-1][:100]
+        )
         cells = (s.name, s.kind, s.sensor, ", ".join(s.truth), s.band, said, s.named, s.wrong, s.region, s.explained)
         out.append("| " + " | ".join(_cell(c) for c in cells) + f" | {s.seconds:.0f} |")
     return "\n".join(out) + "\n"

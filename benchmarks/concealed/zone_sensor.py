@@ -132,6 +132,7 @@ def _dead_time(rng: np.random.Generator, rows: ZoneRows, design: ZoneDesign) -> 
 
     return Effect(
         effect="detector.pile_up",
+        unless_seen=((DISTANCE, "detector.compression"), (INTENSITY, "timing.range_walk")),
         apply=apply,
         channels=(INTENSITY, DISTANCE),
         drivers=BRIGHT,
