@@ -84,10 +84,8 @@ def measure(rounds: int = 40) -> dict[str, float]:
 def main() -> int:
     result = measure()
     print(f"three sensors send {PACKETS_PER_S} packets/s")
-    print(f"datagrams to pixels: {result['whole_us']:.2f} us/packet, {result['whole_ratio']:.0f} x the sensors' rate")
-    print(
-        f"pixels alone:        {result['decode_us']:.2f} us/packet, {result['decode_ratio']:.0f} x the sensors' rate"
-    )
+    for name, key in (("datagrams to pixels", "whole"), ("pixels alone", "decode")):
+        print(f"{name:20s} {result[key + '_us']:5.2f} us/packet = {result[key + '_ratio']:.0f} x the sensors' rate")
     good = result["whole_ratio"] >= WANTED
     print(f"wanted: at least {WANTED} x on one core: {'reached' if good else 'MISSED'}")
     return 0 if good else 1
