@@ -1,0 +1,261 @@
+"""A process's side of the lab: a clock and ports with the contracts of `devices.port`."""
+
+from __future__ import annotations
+
+import math
+import select
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final, Self, final
+
+from arl_fixtures.bench.drivers import Kind
+from arl_fixtures.bench.profile import CycleStep
+from arl_fixtures.devices.port import Datagram, DatagramPort, StreamPort
+from arl_fixtures.errors import (
+    ArlError,
+    ConfigError,
+    DeviceError,
+    DeviceLostError,
+    LocalProtocolError,
+    RemoteProtocolError,
+)
+from arl_fixtures.lab.datagrams import unpack_datagrams
+from arl_fixtures.lab.framing import Link, Message, PeerLostError
+
+ERRORS: Final[dict[str, type[ArlError]]] = {
+    error.__name__: error
+    for error in (ConfigError, DeviceError, DeviceLostError, LocalProtocolError, RemoteProtocolError)
+}
+
+
+@final
+class LabClient:
+    """A connection to a lab.
+
+    Args:
+        link: to the lab.
+        name: how the lab and its messages call this process.
+        role: `driver` (a test; time jumps for its sake), `follower` (a guard) or `onlooker` (never holds the clock).
+    """
+
+    def __init__(self, link: Link, name: str, *, role: str) -> None:
+        self._link = link
+        welcome = self.ask("hello", name=name, role=role).header
+        self.number = int(welcome["number"])
+        self.clock = LabClock(self, float(welcome["now_s"]), int(welcome["epoch_ns"]))
+        self._awaited = 0
+
+    @classmethod
+    def connect(cls, path: Path, name: str, *, role: str) -> Self:
+        """Connect to the lab at a socket.
+
+        Raises:
+            DeviceLostError: there is no lab.
+        """
+        try:
+            return cls(Link.connect(path), name, role=role)
+        except PeerLostError as error:
+            raise DeviceLostError(f"no lab: {error}") from None
+
+    def fileno(self) -> int:
+        """For `select`."""
+        return self._link.fileno()
+
+    def ask(self, op: str, payload: bytes = b"", **header: Any) -> Message:  # noqa: ANN401 - JSON
+        """Do one request.
+
+        Raises:
+            ArlError: what the lab says is wrong; DeviceLostError when it is gone.
+        """
+        try:
+            answer = self._link.ask({"op": op, **header}, payload)
+        except PeerLostError as error:
+            raise DeviceLostError(f"the lab is gone: {error}") from None
+        return self._understood(answer)
+
+    def _understood(self, answer: Message) -> Message:
+        if op_clock := getattr(self, "clock", None):
+            op_clock.note(float(answer.header["now_s"]))
+        if "error" in answer.header:
+            raise ERRORS.get(answer.header["error"], DeviceError)(str(answer.header["message"]))
+        return answer
+
+    def wait(self, until_s: float, others: Sequence[Any] = ()) -> list[Any]:
+        """Wait until `until_s` on the lab's clock, or until one of `others` can be read.
+
+        Returns:
+            which of `others` can be read; empty when the time has come. When something can be read the wait goes
+            on at the lab until `adopt` or `settle`, so that no time passes unnoticed.
+        """
+        try:
+            if not self._awaited:
+                ready = select.select(others, [], [], 0.0)[0] if others else []
+                if ready:
+                    return list(ready)
+                self._link.send({"op": "wait", "until_s": min(until_s, 1e300)})
+                self._awaited = 1
+            ready = select.select([self._link, *others], [], [])[0]
+            # what the others say comes first: it was said before time passed
+            if spoken := [other for other in ready if other is not self._link]:
+                return spoken
+            self._settle()
+        except PeerLostError as error:
+            raise DeviceLostError(f"the lab is gone: {error}") from None
+        return list(select.select(others, [], [], 0.0)[0]) if others else []
+
+    def adopt(self, client: int = 0) -> None:
+        """End a wait that is under way, and act for `client`, which waits for this process outside the lab."""
+        self._tell({"op": "adopt", "client": client})
+        if self._awaited:
+            self._settle()
+
+    def release(self, client: int) -> None:
+        """`client` acts for itself again from now on."""
+        self._tell({"op": "release", "client": client})
+
+    def _tell(self, header: dict[str, Any]) -> None:
+        try:
+            self._link.send(header)
+        except PeerLostError as error:
+            raise DeviceLostError(f"the lab is gone: {error}") from None
+
+    def _settle(self) -> None:
+        """Take the one answer that a wait always gets, be it over or cancelled."""
+        try:
+            answer = self._link.take(None)
+        except PeerLostError as error:
+            raise DeviceLostError(f"the lab is gone: {error}") from None
+        self._awaited = 0
+        if answer is not None:
+            self._understood(answer)
+
+    # -- the lab's back door, for tests and `arl lab`
+
+    def inspect(self) -> dict[str, Any]:
+        """True state of the plant, what changed when, and who is connected."""
+        return self.ask("inspect").header
+
+    def inject(self, fault: str) -> None:
+        """Let a fault happen; the text is that of `parse_fault`."""
+        self.ask("inject", fault=fault)
+
+    def clear_faults(self, device: str | None = None) -> None:
+        """End faults, of one device or all."""
+        self.ask("clear", device=device)
+
+    # -- lines
+
+    def port(self, kind: Kind) -> StreamPort:
+        """Own a control line.
+
+        Raises:
+            DeviceLostError: another process owns it.
+        """
+        return LabStreamPort(self, kind)
+
+    def datagrams(self, port: int) -> DatagramPort:
+        """Listen at a UDP port of the lab.
+
+        Raises:
+            DeviceLostError: another process listens there.
+        """
+        return LabDatagramPort(self, port)
+
+    def enter_step(self, step: CycleStep) -> None:
+        """Tell the emulated DUTs which temperature step begins."""
+        cycle, index = step.cycle, step.index
+        self.ask("enter_step", cycle=cycle, index=index, set_temperature_c=step.set_temperature_c, ramp=step.ramp)
+
+    def close(self) -> None:
+        """Leave; all lines are free again."""
+        self._link.close()
+
+
+@final
+class LabClock:
+    """The lab's clock as this process knows it: exact while it holds the clock."""
+
+    virtual = True
+
+    def __init__(self, client: LabClient, now_s: float, epoch_ns: int) -> None:
+        self._client, self._now_s, self._epoch_ns = client, now_s, epoch_ns
+
+    @property
+    def now_s(self) -> float:
+        """Seconds on the bench clock."""
+        return self._now_s
+
+    def note(self, now_s: float) -> None:
+        """Somebody who knows says what time it is."""
+        self._now_s = max(self._now_s, now_s)
+
+    def utc_ns(self) -> int:
+        """Virtual UTC."""
+        return self._epoch_ns + round(self._now_s * 1e9)
+
+    def sleep(self, duration_s: float) -> None:
+        """Let bench time pass."""
+        if duration_s > 0.0:
+            if not math.isfinite(duration_s):
+                raise LocalProtocolError("lab: sleeping for ever")
+            self._client.ask("sleep", until_s=self._now_s + duration_s)
+
+
+@final
+class LabStreamPort:
+    """A control line of the lab."""
+
+    def __init__(self, client: LabClient, line: str) -> None:
+        self.name = f"emulated {line}"
+        self._client, self._line = client, line
+        self._open = False
+        client.ask("open", line=line)
+        self._open = True
+
+    def write(self, data: bytes) -> None:
+        """Send all of `data`."""
+        self._client.ask("write", data, line=self._line)
+
+    def read(self, timeout_s: float) -> bytes:
+        """What has arrived; lets time pass until something has."""
+        return self._client.ask("read", line=self._line, timeout_s=timeout_s).payload
+
+    def drain(self) -> bytes:
+        """Take what lies unread."""
+        return self._client.ask("drain", line=self._line).payload
+
+    def reopen(self) -> None:
+        """Forget what is under way in both directions."""
+        self._client.ask("reopen", line=self._line)
+
+    def close(self) -> None:
+        """Leave the line to others."""
+        if self._open:
+            self._open = False
+            self._client.ask("close", line=self._line)
+
+
+@final
+class LabDatagramPort:
+    """A UDP port of the lab."""
+
+    def __init__(self, client: LabClient, port: int) -> None:
+        self.name = f"emulated udp port {port}"
+        self._client, self._port = client, port
+        self._open = True
+        client.ask("listen", port=port)
+
+    def receive(self, timeout_s: float) -> list[Datagram]:
+        """All datagrams that have arrived; lets time pass until one has."""
+        if not self._open:
+            raise DeviceLostError(f"{self.name}: the socket is closed")
+        return unpack_datagrams(self._client.ask("receive", port=self._port, timeout_s=timeout_s).payload)
+
+    def discard(self, before_s: float = math.inf) -> int:
+        """Forget what lies unread and arrived before `before_s`."""
+        before = None if before_s == math.inf else before_s
+        return int(self._client.ask("discard", port=self._port, before_s=before).header["count"])
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._open = False
