@@ -93,15 +93,6 @@ def plan_stop(
     return [brake, Piece(end_s, brake.at(end_s)[0], 0.0, 0.0)]
 
 
-def move_duration_s(distance_deg: float, speed_deg_s: float, acceleration_deg_s2: float) -> float:
-    """Time of a move from rest to rest."""
-    way_deg = abs(distance_deg)
-    ramps_deg = speed_deg_s * speed_deg_s / acceleration_deg_s2
-    if way_deg <= ramps_deg:
-        return 2.0 * math.sqrt(way_deg / acceleration_deg_s2)
-    return way_deg / speed_deg_s + speed_deg_s / acceleration_deg_s2
-
-
 @final
 class Track:
     """Where an axis was (some moves back), is and, as planned, will be.
