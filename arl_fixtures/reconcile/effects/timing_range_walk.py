@@ -6,15 +6,19 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
-from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, distances, in_mm, rounded, shape, signals
+from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
 
 class RangeWalk(Effect):
-    """D += walk · ((I / I_ref)^−p − 1) / p with I_ref the table's median: every monotone walk near enough.
+    """D += walk·(w(I / reference) − w(1)), I the signal as earlier stages left it, reference the table's median.
 
-    p = 1 is a linear edge (1/I), p → 0 an exponential one (−ln I), negative p flattens towards weak returns.
+    * edge: w(x) = x^(−exponent) / exponent. 1 is a linear edge (1/I), 0 an exponential one (−ln I), more a steeper
+      foot, negative exponents flatten towards weak returns.
+    * pulse: w(x) = −sqrt(2·ln(x / threshold)), the crossing of a Gaussian pulse's leading edge; `walk` is then the
+      pulse's standard deviation as a range. It runs away near the threshold as no power does.
     """
 
     id = "timing.range_walk"
@@ -23,41 +27,54 @@ class RangeWalk(Effect):
     confusable = ("detector.pile_up", "air.multipath", "optics.veiling_glare")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """One per pair of a distance and an intensity channel."""
-        for distance in view.channels(Role.DISTANCE):
-            for signal in view.channels(Role.INTENSITY):
-                yield Variant(
-                    effect=self.id,
-                    options={"distance": distance.name, "signal": signal.name},
-                    parameters=(
-                        Parameter(name="walk", unit=distance.unit, low=-2.0, high=2.0, null=0.0, typical=0.005),
-                        Parameter(name="exponent", unit="1", low=-0.5, high=2.0, starts=(0.5, 0.05, 1.2)),
-                    ),
-                    channels=(distance.name,),
-                    drivers=(signal.name,),
-                )
+        """Edge and pulse for every pair of a distance and an intensity channel."""
+        for distance in distances(view):
+            size = 1e3 if unit_of(distance) == "mm" else 1.0
+            for signal in signals(view):
+                if not view.varies(f"sim_{signal}"):
+                    continue
+                for kind in ("edge", "pulse"):
+                    yield Variant(
+                        effect=self.id,
+                        options={
+                            "distance": distance,
+                            "signal": signal,
+                            "kind": kind,
+                            "reference": rounded(view.middle(f"sim_{signal}")),
+                        },
+                        parameters=(
+                            amplitude("walk", unit_of(distance), -2.0 * size, 2.0 * size, 0.005 * size),
+                            shape("exponent", "1", -0.8, 2.5, 0.5, 1.2)
+                            if kind == "edge"
+                            else shape("threshold", "1", 1e-4, 0.9, 0.02),
+                        ),
+                        channels=(distance,),
+                        drivers=(signal,),
+                    )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
-        """Uses the intensity as earlier stages left it."""
+        """Shifts the distance by the walk of the signal."""
         distance, signal = str(variant.options["distance"]), str(variant.options["signal"])
-        p = values["exponent"] if abs(values["exponent"]) > 1e-6 else 1e-6
-        ratio = np.maximum(state[signal] / view.middle(f"sim_{signal}"), 1e-3)
-        state[distance] = state[distance] + values["walk"] * (ratio ** (-p) - 1.0) / p
+        ratio = np.clip(np.nan_to_num(state[signal] / float(variant.options["reference"]), nan=1.0), 1e-3, 1e4)
+        state[distance] = state[distance] + float(values["walk"]) * _walk(ratio, values)
 
     def expression(self, variant: Variant) -> str:
         """The law."""
-        distance, signal = variant.options["distance"], variant.options["signal"]
-        return f"{distance} += walk * (({signal} / median)^(-exponent) - 1) / exponent"
+        distance, signal, origin = (variant.options[key] for key in ("distance", "signal", "reference"))
+        if variant.options["kind"] == "edge":
+            return f"{distance} += walk * (({signal} / {origin})^(-exponent) - 1) / exponent"
+        crossing = f"sqrt(2 ln({signal} / ({origin} * threshold)))"
+        return f"{distance} += walk * (sqrt(2 ln(1 / threshold)) - {crossing})"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Size over the middle 90 % of the signal."""
-        signal = str(variant.options["signal"])
+        signal, distance = str(variant.options["signal"]), str(variant.options["distance"])
         low, high = np.nanquantile(view.sim[signal], [0.05, 0.95])
-        state = {str(variant.options["distance"]): np.zeros(2), signal: np.array([low, high])}
-        self.apply(variant, values, state, view)
-        change = float(np.subtract(*state[str(variant.options["distance"])]))
+        ends = np.clip(np.array([low, high]) / float(variant.options["reference"]), 1e-3, 1e4)
+        change = float(values["walk"]) * float(-np.diff(_walk(ends, values))[0])
         return (
-            f"Weak returns ({signal} {low:.0f}) are ranged {change * 1e3:+.2f} mm against strong ones ({high:.0f})."
+            f"Weak returns ({signal} {low:.0f}) are ranged {in_mm(change, distance):+.2f} mm against strong ones "
+            f"({high:.0f})."
         )
 
     def next_experiment(self, variant: Variant) -> str:
@@ -65,3 +82,15 @@ class RangeWalk(Effect):
         return (
             "Repeat with a neutral-density filter in front of the window: range walk follows the attenuated signal."
         )
+
+
+def _walk(ratio: FloatArray, values: Values) -> FloatArray:
+    """w(ratio) − w(1) for a signal over its reference."""
+    if "exponent" in values:
+        power = float(values["exponent"])
+        if abs(power) < 1e-6:
+            return np.asarray(-np.log(ratio))
+        return np.asarray(-np.expm1(-power * np.log(ratio)) / -power)
+    height = -np.log(float(values["threshold"]))
+    crossing = np.sqrt(2.0 * np.maximum(np.log(ratio) + height, 1e-3))
+    return np.asarray(np.sqrt(2.0 * height) - crossing)

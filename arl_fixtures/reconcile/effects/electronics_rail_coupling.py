@@ -1,0 +1,73 @@
+"""A supply rail's deviation modulates the gain."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from arl_fixtures.reconcile.effect import Stage, Values, Variant
+from arl_fixtures.reconcile.effects_common import (
+    FloatArray,
+    LightFactor,
+    amplitude,
+    light_channels,
+    rounded,
+    signals,
+    span,
+)
+from arl_fixtures.reconcile.view import View
+
+_MOST_RAILS = 8
+
+
+class RailCoupling(LightFactor):
+    """I *= 1 + coupling·(V − V_median) / V_median, one supply rail at a time."""
+
+    id = "electronics.rail_coupling"
+    stage = Stage.DETECTOR
+    source = "finite power-supply rejection: gain error = coupling · relative deviation of the supply"
+    confusable = ("detector.gain_temperature", "laser.thermal_rolloff")
+
+    def variants(self, view: View) -> Iterable[Variant]:
+        """One per rail; other voltages where no column is called a rail."""
+        volts = [*view.covariates("_v")]
+        rails = [name for name in volts if name.startswith("rail_")] or [name for name in volts if "tec" not in name]
+        for channel in signals(view)[:1]:
+            for rail in rails[:_MOST_RAILS]:
+                middle = rounded(view.middle(rail))
+                if middle == 0.0:
+                    continue
+                most = 2.0 * abs(middle) / span(view, rail)
+                yield Variant(
+                    effect=self.id,
+                    options={"channel": channel, "rail": rail, "reference": middle},
+                    parameters=(amplitude("coupling", "1", -most, most, 0.02 * most),),
+                    channels=light_channels(view, channel),
+                    drivers=(rail,),
+                )
+
+    def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
+        """Relative gain at the row's supply."""
+        middle = float(variant.options["reference"])
+        deviation = np.nan_to_num(view.number(str(variant.options["rail"])) / middle - 1.0)
+        return np.maximum(1.0 + float(values["coupling"]) * deviation, 0.01)
+
+    def expression(self, variant: Variant) -> str:
+        """The law."""
+        channel, rail, middle = (variant.options[key] for key in ("channel", "rail", "reference"))
+        return f"{channel} *= 1 + coupling * ({rail} / {middle} - 1)"
+
+    def sentence(self, variant: Variant, values: Values, view: View) -> str:
+        """Coupling in percent per percent."""
+        change = self.change(variant, values, view)
+        return (
+            f"The gain follows {variant.options['rail']}: {values['coupling']:+.2f} % per percent of the supply; its "
+            f"deviations change the signal between {change[0]:+.2f} and {change[1]:+.2f} %."
+        )
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What confirms it."""
+        return (
+            f"Set {variant.options['rail']} two percent up and down at constant temperature: the signal must follow."
+        )

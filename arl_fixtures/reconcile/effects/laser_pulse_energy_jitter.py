@@ -1,0 +1,58 @@
+"""Common-mode scatter of the intensity from pulse to pulse."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_common import amplitude, signals
+from arl_fixtures.reconcile.view import View
+
+
+class PulseEnergyJitter(Effect):
+    """σ_I² += (jitter · I)²: the pulse's energy scatters, so every pixel scatters in proportion to its signal."""
+
+    id = "laser.pulse_energy_jitter"
+    stage = Stage.LASER
+    source = "ISO 11554 (laser pulse energy and its stability); diode-pumped Q-switched lasers: 0.5 to 3 %"
+    confusable = ("readout.noise_excess", "bench.repeatability")
+
+    def variants(self, view: View) -> Iterable[Variant]:
+        """One per intensity whose scatter was measured."""
+        known = {channel.name for channel in view.columns.channels}
+        for channel in signals(view):
+            if f"{channel}_std" in known:
+                yield Variant(
+                    effect=self.id,
+                    options={"channel": channel},
+                    parameters=(amplitude("jitter", "1", 0.0, 0.5, 0.01),),
+                    channels=(f"{channel}_std",),
+                    drivers=(f"sim_{channel}",),
+                )
+
+    def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
+        """Widens the scatter in proportion to the light."""
+        channel = str(variant.options["channel"])
+        light = np.nan_to_num(state[channel])
+        state[f"{channel}_std"] = np.sqrt(state[f"{channel}_std"] ** 2 + (float(values["jitter"]) * light) ** 2)
+
+    def expression(self, variant: Variant) -> str:
+        """The law."""
+        channel = variant.options["channel"]
+        return f"{channel}_std^2 += (jitter * {channel})^2"
+
+    def sentence(self, variant: Variant, values: Values, view: View) -> str:
+        """Jitter in percent."""
+        return (
+            f"The laser's pulse energy scatters by {values['jitter'] * 100:.2f} % from pulse to pulse (all pixels at "
+            "once)."
+        )
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What tells it from pixel noise."""
+        return (
+            "Correlate pixels over the single frames of one angle: pulse energy moves all of them together, read-out "
+            "noise each for itself."
+        )

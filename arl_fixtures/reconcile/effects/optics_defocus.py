@@ -1,0 +1,131 @@
+"""The point-spread function widens."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from scipy.special import ive
+
+from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_common import (
+    FloatArray,
+    above,
+    amplitude,
+    light_channels,
+    set_light,
+    shape,
+    signals,
+    span,
+    temperature_drivers,
+)
+from arl_fixtures.reconcile.effects_frame import has_frames, ranged_by
+from arl_fixtures.reconcile.view import View
+
+
+class Defocus(Effect):
+    """The image is blurred by a Gaussian of `width` pixels, or of width·|T − sharpest| / range of the temperature.
+
+    Light and range mix: the distance becomes the mean of what the blurred pixel sees, weighted by its light.
+    """
+
+    id = "optics.defocus"
+    stage = Stage.OPTICS
+    source = "Born, Wolf, Principles of Optics, sec. 8.8: blur disc grows with |defocus|; Gaussian approximation"
+    confusable = ("detector.crosstalk", "target.edge_mixing", "optics.focal_drift", "optics.veiling_glare")
+
+    def variants(self, view: View) -> Iterable[Variant]:
+        """Constant, and with the distance of a temperature from that of best focus."""
+        if not has_frames(view):
+            return
+        columns = temperature_drivers(view, "lens_temperature_c", "housing_temperature_c", limit=1)
+        for channel in signals(view):
+            for column in ("", *columns):
+                parameters: tuple[Parameter, ...] = (amplitude("width", "px", 0.0, 1.2, 0.3),)
+                scale = 1.0
+                if column:
+                    low, high = view.span(column)
+                    scale = span(view, column)
+                    parameters += (shape("sharpest", "°C", low, high, min(max(25.0, low), high), low),)
+                yield Variant(
+                    effect=self.id,
+                    options={"channel": channel, "temperature": column, "range": scale},
+                    parameters=parameters,
+                    channels=tuple(dict.fromkeys((*ranged_by(view, channel), *light_channels(view, channel)))),
+                    drivers=(*((column,) if column else ()), "pixel_u", "pixel_v"),
+                )
+
+    def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
+        """Blurs columns, then rows; pixels beyond the table's edge count as the edge pixel."""
+        channel, column = str(variant.options["channel"]), str(variant.options["temperature"])
+        width: FloatArray = np.full(view.n, float(values["width"]))
+        if column:
+            width = width * np.abs(above(view, column, float(values["sharpest"]))) / float(variant.options["range"])
+        far = ranged_by(view, channel)
+        light, ranges = _blurred(view, state, channel, far, np.minimum(width, _WIDEST) ** 2)
+        for distance, mean in ranges.items():
+            state[distance] = np.where(np.isfinite(mean), mean, state[distance])
+        set_light(view, state, channel, light)
+
+    def expression(self, variant: Variant) -> str:
+        """The law."""
+        channel, column = variant.options["channel"], variant.options["temperature"]
+        grown = f" * |{column} - sharpest| / {variant.options['range']}" if column else ""
+        return f"{channel} = {channel} blurred over pixels by a Gaussian of standard deviation width{grown}"
+
+    def sentence(self, variant: Variant, values: Values, view: View) -> str:
+        """Width of the blur."""
+        column = variant.options["temperature"]
+        if not column:
+            return f"The image is blurred by {values['width']:.2f} pixels (standard deviation)."
+        return (
+            f"The image is sharpest at {values['sharpest']:.0f} °C of {column} and blurs by "
+            f"{float(values['width']) / float(variant.options['range']) * 50.0:.3f} pixels per 50 K away from it."
+        )
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What tells it from crosstalk."""
+        return (
+            "Scan a straight edge at the coldest and the hottest step: blur of the optics grows symmetrically with "
+            "the "
+            "distance from best focus, electrical crosstalk does not change."
+        )
+
+
+_WIDEST = 1.2
+_VARIANCES = np.linspace(0.0, _WIDEST**2, 500)
+_KERNEL = [np.asarray(ive(n, _VARIANCES), dtype=np.float64) for n in range(3)]
+_TAPS = tuple((du, dv) for du in range(-2, 3) for dv in range(-2, 3) if 0 < abs(du) + abs(dv) <= 2)
+
+
+def _blurred(
+    view: View, state: State, channel: str, far: tuple[str, ...], variance: FloatArray
+) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Blurred light, and light-weighted distances.
+
+    The kernel is the discrete Gaussian exp(−t)·I_n(t) with t the variance in pixels squared, whose variance is exact
+    at any width; its far corners (below a hundredth) stay with the pixel itself. A neighbour that the table does not
+    hold counts as the pixel itself.
+    """
+    taps = [np.interp(variance, _VARIANCES, tap) for tap in _KERNEL]
+    own = state[channel]
+    light = own.copy()
+    base = np.nan_to_num(own)
+    moments = {distance: base * np.nan_to_num(state[distance]) for distance in far}
+    totals = {distance: moment.copy() for distance, moment in moments.items()}
+    for du, dv in _TAPS:
+        share = taps[abs(du)] * taps[abs(dv)]
+        other = view.neighbour(state, channel, du=du, dv=dv)
+        there = np.isfinite(other)
+        light = light + share * np.where(there, other - own, 0.0)
+        for distance in far:
+            range_ = view.neighbour(state, distance, du=du, dv=dv)
+            seen = there & np.isfinite(range_)
+            totals[distance] += share * np.where(seen, other * range_ - moments[distance], 0.0)
+    ranges = {}
+    for distance, total in totals.items():
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean = total / light
+        kept = np.isfinite(state[distance]) & np.isfinite(mean) & (light > 0.0) & (variance > 0.0)
+        ranges[distance] = np.where(kept, mean, state[distance])
+    return light, ranges

@@ -1,0 +1,111 @@
+"""The narrow-band filter's passband moves with angle, the laser line with temperature."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from arl_fixtures.reconcile.effect import Parameter, Stage, Values, Variant
+from arl_fixtures.reconcile.effects_common import (
+    FloatArray,
+    LightFactor,
+    amplitude,
+    excess,
+    light_channels,
+    per_view,
+    percent,
+    reference,
+    shape,
+    signals,
+    span,
+    temperature_drivers,
+)
+from arl_fixtures.reconcile.effects_scene import azimuth, elevation, has_rays
+from arl_fixtures.reconcile.view import View
+
+
+class FilterShift(LightFactor):
+    """I *= T(y) / T(offset), T(y) = 1 / (1 + y^(2·cavities)), y = offset + tilt·s(θ) + drift·ΔT in half-widths.
+
+    s(θ) = 1 − sqrt(1 − sin²θ / index²): a passband moves to shorter wavelengths with the angle, the line comes to lie
+    on its long side. `offset`: where the line lies in the passband at normal incidence at the reference temperature.
+    """
+
+    id = "optics.filter_shift"
+    stage = Stage.OPTICS
+    source = "Macleod, Thin-Film Optical Filters (2010), ch. 8: tilted filters; laser diodes 0.25 to 0.3 nm/K"
+    confusable = ("optics.vignetting", "laser.thermal_rolloff", "beam.profile_shift", "detector.gain_temperature")
+
+    def variants(self, view: View) -> Iterable[Variant]:
+        """With the angle alone, and with the laser's (or the next best) temperature."""
+        columns = temperature_drivers(view, "laser_temperature_c", "housing_temperature_c", limit=2)
+        for channel in signals(view):
+            for column in (*columns, "") if has_rays(view) else columns:
+                parameters: list[Parameter] = []
+                if has_rays(view):
+                    parameters.append(amplitude("tilt", "half-widths", -40.0, 40.0, 2.0))
+                if column:
+                    most = 8.0 / span(view, column)
+                    parameters.append(amplitude("drift", "half-widths/K", -most, most, 0.03 * most))
+                parameters += [
+                    shape("offset", "half-widths", -1.5, 1.5, -0.5, 0.5) if column
+                    else shape("offset", "half-widths", -1.5, 1.5, 0.0, -0.6),
+                    shape("cavities", "1", 0.7, 5.0, 2.0),
+                ]  # fmt: skip
+                if has_rays(view):
+                    parameters.append(shape("index", "1", 1.4, 2.4, 1.9))
+                rays = [name for name in ("azimuth_deg", "elevation_deg") if view.varies(name)]
+                yield Variant(
+                    effect=self.id,
+                    options={
+                        "channel": channel,
+                        "temperature": column,
+                        "reference": reference(view, column) if column else 0.0,
+                    },
+                    parameters=tuple(parameters),
+                    channels=light_channels(view, channel),
+                    drivers=(*rays[:1], *((column,) if column else ()), *rays[1:]),
+                )
+
+    def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
+        """Transmission against that on the axis at the reference temperature."""
+        offset, power = float(values["offset"]), 2.0 * float(values["cavities"])
+        place = np.full(view.n, offset)
+        if "tilt" in values:
+            square = per_view(view, "field sine square", lambda: _sine_square(view))
+            place = place + float(values["tilt"]) * (1.0 - np.sqrt(1.0 - square / float(values["index"]) ** 2))
+        column = str(variant.options["temperature"])
+        if column:
+            place = place + float(values["drift"]) * excess(view, variant, column)
+        passed = 1.0 / (1.0 + np.minimum(np.abs(place), 1e3) ** power)
+        return np.asarray(np.maximum(passed * (1.0 + abs(offset) ** power), 1e-6))
+
+    def expression(self, variant: Variant) -> str:
+        """The law."""
+        channel, column = variant.options["channel"], variant.options["temperature"]
+        terms = "offset"
+        if any(parameter.name == "tilt" for parameter in variant.parameters):
+            terms += " + tilt * (1 - sqrt(1 - sin(field angle)^2 / index^2))"
+        if column:
+            terms += f" + drift * ({column} - {variant.options['reference']})"
+        return f"{channel} *= T(y) / T(offset), T = 1 / (1 + |y|^(2 cavities)), y = {terms}"
+
+    def sentence(self, variant: Variant, values: Values, view: View) -> str:
+        """Change of the signal over field and temperature."""
+        column = variant.options["temperature"]
+        with_what = "with the field angle" if not column else f"with field angle and {column}"
+        change = percent(*self.change(variant, values, view))
+        return f"The laser line wanders across the filter's passband {with_what}: the signal differs {change}."
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What tells it from vignetting and roll-off."""
+        return (
+            "Step the laser's cooler set-point at constant housing temperature and look at the edge of the field: a "
+            "passband's loss there changes side with the line, vignetting does not move."
+        )
+
+
+def _sine_square(view: View) -> FloatArray:
+    cosine = np.cos(np.radians(azimuth(view))) * np.cos(np.radians(elevation(view)))
+    return np.clip(1.0 - cosine**2, 0.0, 1.0)

@@ -1,0 +1,101 @@
+"""An internal reflection adds a mirrored image."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_common import amplitude, light_channels, per_table, shape, signals
+from arl_fixtures.reconcile.effects_frame import add_stray_light, has_frames, ranged_by
+from arl_fixtures.reconcile.view import View
+
+_FLIPS = {"point": (True, True), "columns": (True, False), "rows": (False, True)}
+
+
+class Ghost(Effect):
+    """I(u, v) += share·I(2·centre_u − u, 2·centre_v − v); the distance moves towards the mirrored pixel's."""
+
+    id = "optics.ghost"
+    stage = Stage.OPTICS
+    source = "Hullin et al., ACM Trans. Graph. 30 (2011) 108: lens flares and ghosts from pairs of interfaces"
+    confusable = ("optics.veiling_glare", "air.multipath")
+
+    def variants(self, view: View) -> Iterable[Variant]:
+        """Mirrored about the optical axis, about its column, about its row."""
+        if not has_frames(view):
+            return
+        for channel in signals(view):
+            moved = ranged_by(view, channel)
+            for flip, (across, along) in _FLIPS.items():
+                if (across and not view.varies("pixel_u")) or (along and not view.varies("pixel_v")):
+                    continue
+                parameters: list[Parameter] = [amplitude("share", "1", 0.0, 0.5, 0.01)]
+                for letter, used in (("u", across), ("v", along)):
+                    if used:
+                        middle = _axis(view, letter)
+                        parameters.append(shape(f"centre_{letter}", "px", middle - 4.0, middle + 4.0, middle))
+                if moved:
+                    parameters.append(shape("pull", "1", 0.0, 1.5, 1.0))
+                yield Variant(
+                    effect=self.id,
+                    options={"channel": channel, "flip": flip},
+                    parameters=tuple(parameters),
+                    channels=tuple(dict.fromkeys((*moved, *light_channels(view, channel)))),
+                    drivers=tuple(name for name in ("pixel_u", "pixel_v") if view.varies(name)),
+                )
+
+    def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
+        """Adds the mirrored pixel's light with its range."""
+        channel, share = str(variant.options["channel"]), float(values["share"])
+        across, along = _FLIPS[str(variant.options["flip"])]
+        centre = {"u0": float(values.get("centre_u", 0.0)), "v0": float(values.get("centre_v", 0.0))}
+        mirrored = view.mirrored(state, channel, flip_u=across, flip_v=along, **centre)
+        far = {}
+        if float(values.get("pull", 0.0)) > 0.0:
+            for distance in ranged_by(view, channel):
+                far[distance] = view.mirrored(state, distance, flip_u=across, flip_v=along, **centre)
+        add_stray_light(
+            view, state, channel, stray=share * mirrored, far=far, pull=float(values.get("pull", 0.0)), kept=1.0
+        )
+
+    def expression(self, variant: Variant) -> str:
+        """The law."""
+        channel = variant.options["channel"]
+        across, along = _FLIPS[str(variant.options["flip"])]
+        u = "2 centre_u - pixel_u" if across else "pixel_u"
+        v = "2 centre_v - pixel_v" if along else "pixel_v"
+        return f"{channel} += share * {channel}[{u}, {v}]; distance moves by pull * (share of the ghost's light)"
+
+    def sentence(self, variant: Variant, values: Values, view: View) -> str:
+        """Share and mirror."""
+        about = ", ".join(f"{x} = {values[f'centre_{x}']:.1f}" for x in "uv" if f"centre_{x}" in values)
+        return (
+            f"An internal reflection adds {values['share'] * 100:.2f} % of the image, mirrored about pixel {about}."
+        )
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What shows it."""
+        return (
+            "Put one bright target on one side of the field: a ghost appears on the other side and moves against it."
+        )
+
+
+def _axis(view: View, letter: str) -> float:
+    """Pixel coordinate of the optical axis: where the ray's angle is zero, else the middle of the image."""
+
+    def find() -> float:
+        pixel = view.columns.numbers[f"pixel_{letter}"]
+        name = "azimuth_deg" if letter == "u" else "elevation_deg"
+        low, high = view.span(f"pixel_{letter}")
+        if name in view.columns.numbers:
+            angle = view.columns.numbers[name]
+            near = np.isfinite(angle) & (np.abs(angle) < 10.0)
+            if near.any() and np.ptp(angle[near]) > 0.0:
+                slope, start = np.polyfit(angle[near], pixel[near], 1)
+                if slope != 0.0 and low - 50.0 < start < high + 50.0:
+                    return float(np.round(start * 2.0) / 2.0)
+        return (low + high) / 2.0
+
+    return per_table(view, ("axis", letter), find)

@@ -1,0 +1,69 @@
+"""A share of the frame's light spreads over the whole frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_common import amplitude, light_channels, shape, signals
+from arl_fixtures.reconcile.effects_frame import add_stray_light, frame_range, has_frames, ranged_by
+from arl_fixtures.reconcile.view import View
+
+
+class VeilingGlare(Effect):
+    """I' = (1 − share)·I + share·mean(I of the image); the distance moves towards the image's mean range."""
+
+    id = "optics.veiling_glare"
+    stage = Stage.OPTICS
+    source = "Schäfer, Lenzen, Garbe, Opt. Express 22 (2014) 29835: scattering model of a time-of-flight camera"
+    confusable = ("detector.dark_offset", "detector.compression", "air.multipath", "optics.defocus")
+
+    def variants(self, view: View) -> Iterable[Variant]:
+        """One per intensity channel of an imaging sensor."""
+        if not has_frames(view):
+            return
+        for channel in signals(view):
+            moved = ranged_by(view, channel)
+            parameters: tuple[Parameter, ...] = (amplitude("share", "1", 0.0, 0.5, 0.01),)
+            if moved:
+                parameters += (shape("pull", "1", 0.0, 1.5, 1.0, 0.0),)
+            yield Variant(
+                effect=self.id,
+                options={"channel": channel},
+                parameters=parameters,
+                channels=tuple(dict.fromkeys((*moved, *light_channels(view, channel)))),
+                drivers=(f"sim_{channel}",),
+            )
+
+    def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
+        """Adds the image's mean light with the image's mean range."""
+        channel, share = str(variant.options["channel"]), float(values["share"])
+        add_stray_light(
+            view,
+            state,
+            channel,
+            stray=share * view.frame_mean(state, channel),
+            far={distance: frame_range(view, distance, channel) for distance in ranged_by(view, channel)},
+            pull=float(values.get("pull", 0.0)),
+            kept=1.0 - share,
+        )
+
+    def expression(self, variant: Variant) -> str:
+        """The law."""
+        channel = variant.options["channel"]
+        return (
+            f"{channel} = (1 - share) * {channel} + share * mean({channel} of the image); "
+            "distance += pull * (share of stray light) * (mean distance of the image - distance)"
+        )
+
+    def sentence(self, variant: Variant, values: Values, view: View) -> str:
+        """The share in percent."""
+        return (
+            f"{values['share'] * 100:.2f} % of the light is scattered over the whole image and veils its dark parts."
+        )
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What tells it from an offset."""
+        return (
+            "Cover the bright target and look at a dark one: glare falls with the frame's light, a dark offset stays."
+        )

@@ -1,0 +1,175 @@
+"""Ice or condensate on the window around the dew and ice point: absorbs, scatters, remembers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from arl_fixtures.reconcile.effect import Option, Parameter, Stage, Values, Variant
+from arl_fixtures.reconcile.effects_common import (
+    FloatArray,
+    LightFactor,
+    amplitude,
+    light_channels,
+    per_view,
+    rounded,
+    shape,
+    signals,
+    temperature_drivers,
+)
+from arl_fixtures.reconcile.effects_history import History, history, low_pass, on_rows, reservoir
+from arl_fixtures.reconcile.effects_scene import elevation
+from arl_fixtures.reconcile.view import View
+
+
+class WindowFrost(LightFactor):
+    """I *= exp(−depth · F · h^gradient), F the film, h the height on the window.
+
+    * balance: dF/dt = max(onset − T, 0) − melt·max(T − onset, 0), F ≥ 0: grows while cold, lasts until it has melted.
+    * settled: F follows max(onset − T, 0) within a time constant: vapour and surface near equilibrium.
+
+    h runs from near 0 to 1 upwards (gradient > 0: more film at the top) or downwards (gradient < 0).
+    """
+
+    id = "optics.window_frost"
+    stage = Stage.OPTICS
+    source = "Na, Webb, Int. J. Heat Mass Transfer 47 (2004) 925: frost growth in proportion to supersaturation"
+    confusable = ("laser.thermal_rolloff", "detector.gain_temperature", "laser.power_decay")
+
+    def variants(self, view: View) -> Iterable[Variant]:
+        """A mass balance and a settled film, on the temperature nearest to the window."""
+        columns = temperature_drivers(
+            view, "window_temperature_c", "housing_temperature_c", limit=1, never=("laser_", "tof_", "fpga_")
+        ) or temperature_drivers(view, limit=1)
+        for channel in signals(view):
+            for column in columns:
+                low, high = view.span(column)
+                if low > _WARMEST_C or high < _COLDEST_C:
+                    continue
+                record = history(view, column)
+                onset = shape("onset", "°C", max(low, _COLDEST_C), min(high, _WARMEST_C) + 0.1, 2.0, 10.0)
+                gradient = shape("gradient", "1", -3.0, 3.0, 0.0)
+                deep = max(onset.starts[0] - low, 0.02 * (high - low))
+                options: dict[str, Option] = {"channel": channel, "temperature": column, **_heights(view)}
+                memory: tuple[Parameter, ...] = ()
+                if record is not None:
+                    most = max(float(_film(record, onset.starts[0], 2.0).max()), 1e-6)
+                    unit = "1/(K h)" if record.unit == "s" else "1/(K step)"
+                    yield self._variant(
+                        view,
+                        {**options, "kind": "balance"},
+                        (
+                            amplitude("depth", unit, 0.0, 30.0 / most, 0.1 / most),
+                            onset,
+                            shape("melt", "1", 0.05, 50.0, 2.0),
+                            gradient,
+                        ),
+                    )
+                    longest = record.interval * record.values.shape[1]
+                    unit = record.unit
+                    memory = (shape("lag", unit, 1e-3 * longest, longest, 0.01 * longest),)
+                yield self._variant(
+                    view,
+                    {**options, "kind": "settled"},
+                    (amplitude("depth", "1/K", 0.0, 30.0 / deep, 0.1 / deep), onset, *memory, gradient),
+                )
+
+    def _variant(self, view: View, options: dict[str, Option], parameters: tuple[Parameter, ...]) -> Variant:
+        column, channel = str(options["temperature"]), str(options["channel"])
+        drivers = [
+            name for name in (column, "ramp", "elevation_deg", "pixel_v") if name == column or view.varies(name)
+        ]
+        return Variant(
+            effect=self.id,
+            options=options,
+            parameters=parameters,
+            channels=light_channels(view, channel),
+            drivers=tuple(drivers[:3]),
+        )
+
+    def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
+        """Transmission of the film, both ways of the light."""
+        column = str(variant.options["temperature"])
+        onset = float(values["onset"])
+        record = history(view, column)
+        if record is None:
+            film = np.nan_to_num(np.maximum(onset - view.number(column), 0.0))
+        elif variant.options["kind"] == "balance":
+            film = on_rows(view, _film(record, onset, float(values["melt"])))
+        else:
+            cold = np.maximum(onset - record.values, 0.0)
+            film = on_rows(view, low_pass(cold, record.interval / float(values["lag"])))
+        depth = float(values["depth"]) * film
+        power = float(values["gradient"])
+        if power != 0.0:
+            up, down = per_view(view, ("height", variant.options["upper"]), lambda: _log_height(variant, view))
+            depth = depth * np.exp(power * up if power > 0.0 else -power * down)
+        return np.exp(-np.minimum(depth, 20.0))
+
+    def where(self, variant: Variant, values: Values, view: View) -> dict[str, list[str] | list[float]]:
+        """Temperatures below the onset."""
+        column = str(variant.options["temperature"])
+        return {column: [view.span(column)[0], float(values["onset"])]}
+
+    def expression(self, variant: Variant) -> str:
+        """The law."""
+        channel, column = variant.options["channel"], variant.options["temperature"]
+        if variant.options["kind"] == "balance":
+            film = f"dF/dt = max(onset - {column}, 0) - melt * max({column} - onset, 0), F >= 0"
+        else:
+            film = f"F = max(onset - {column}, 0), delayed by lag"
+        return f"{channel} *= exp(-depth * F * height^gradient); {film}"
+
+    def sentence(self, variant: Variant, values: Values, view: View) -> str:
+        """Loss and onset."""
+        low, _ = self.change(variant, values, view)
+        column = variant.options["temperature"]
+        text = (
+            f"Ice or condensate on the window takes up to {-low:.1f} % of the light below {values['onset']:.1f} °C "
+            f"of {column}"
+        )
+        power = float(values["gradient"])
+        if abs(power) > 0.2:
+            text += ", more at the top" if power > 0.0 else ", more at the bottom"
+        if variant.options["kind"] == "balance":
+            text += "; it melts later than it forms, so heating differs from cooling"
+        return f"{text}."
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What tells it from a cold laser."""
+        return (
+            "Repeat the coldest step with dry air or nitrogen blown at the window: frost goes, everything else stays."
+        )
+
+
+_COLDEST_C, _WARMEST_C = -20.0, 25.0
+
+
+def _film(record: History, onset: float, melt: float) -> FloatArray:
+    """Film in kelvin-hours (kelvin-steps without time)."""
+    hours = record.interval / (3600.0 if record.unit == "s" else 1.0)
+    colder = onset - record.values
+    return reservoir(np.where(colder > 0.0, colder, melt * colder) * hours)
+
+
+def _heights(view: View) -> dict[str, Option]:
+    """Lower and upper end of the field of view, for `height` from 0 to 1 (image rows count downwards)."""
+    if view.varies("elevation_deg"):
+        low, high = view.span("elevation_deg")
+        return {"height": "elevation_deg", "lower": rounded(low), "upper": rounded(high)}
+    if view.varies("pixel_v"):
+        low, high = view.span("pixel_v")
+        return {"height": "pixel_v", "lower": high, "upper": low}
+    return {"height": "", "lower": 0.0, "upper": 1.0}
+
+
+def _log_height(variant: Variant, view: View) -> tuple[FloatArray, FloatArray]:
+    """ln of the height from the bottom, and from the top, both within 0.02 to 1."""
+    name = str(variant.options["height"])
+    if not name:
+        return np.zeros(view.n), np.zeros(view.n)
+    place = elevation(view) if name == "elevation_deg" else np.nan_to_num(view.number(name))
+    low, high = float(variant.options["lower"]), float(variant.options["upper"])
+    share = np.clip((place - low) / (high - low), 0.02, 1.0)
+    return np.log(share), np.log(np.clip(1.02 - share, 0.02, 1.0))

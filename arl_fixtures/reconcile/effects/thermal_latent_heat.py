@@ -1,0 +1,103 @@
+"""Melting or freezing water holds a temperature near 0 °C."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, shape
+from arl_fixtures.reconcile.effects_history import History, history, on_rows, rate
+from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.view import View
+
+
+class LatentHeat(Effect):
+    """Enthalpy method: dH/dt = (T_drive − T) / τ, with T = H, then held while `latent` K melt, then T = H − latent.
+
+    T_drive = T_sim + τ dT_sim/dt is what drives the simulated node; `latent` is the latent heat over the node's heat
+    capacity.
+    """
+
+    id = "thermal.latent_heat"
+    stage = Stage.BOOKKEEPING
+    source = "Voller, Int. J. Numer. Methods Eng. 24 (1987): enthalpy formulation; ice 334 kJ/kg"
+    confusable = ("thermal.contact_resistance", "thermal.sensor_offset")
+
+    def variants(self, view: View) -> Iterable[Variant]:
+        """One per temperature channel that passes 0 °C in time."""
+        for channel in view.channels(Role.TEMPERATURE):
+            low, high = view.span(f"sim_{channel.name}")
+            record = history(view, f"sim_{channel.name}")
+            if record is None or low > -0.5 or high < 0.5:
+                continue
+            duration = record.interval * record.values.shape[1]
+            yield Variant(
+                effect=self.id,
+                options={"channel": channel.name},
+                parameters=(
+                    amplitude("latent", "K", 0.0, 200.0, 2.0),
+                    shape(
+                        "time_constant",
+                        record.unit,
+                        record.interval,
+                        0.3 * duration,
+                        0.005 * duration,
+                        0.05 * duration,
+                    ),
+                    shape("melting_point", "°C", -4.0, 4.0, 0.0),
+                ),
+                channels=(channel.name,),
+                drivers=(f"sim_{channel.name}", "time_s" if view.varies("time_s") else "step"),
+            )
+
+    def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
+        """Solves the node again with the plateau."""
+        name = str(variant.options["channel"])
+        record = history(view, f"sim_{name}")
+        if record is None or float(values["latent"]) == 0.0:
+            return
+        tau, point, latent = (float(values[key]) for key in ("time_constant", "melting_point", "latent"))
+        held = _plateau(record, tau, point, latent)
+        state[name] = state[name] + on_rows(view, held - _plateau(record, tau, point, 0.0))
+
+    def where(self, variant: Variant, values: Values, view: View) -> dict[str, list[str] | list[float]]:
+        """About the melting point."""
+        point = float(values["melting_point"])
+        return {f"sim_{variant.options['channel']}": [point - 5.0, point + 15.0]}
+
+    def expression(self, variant: Variant) -> str:
+        """The law."""
+        name = variant.options["channel"]
+        return (
+            f"time_constant * dH/dt = sim_{name} + time_constant * dsim_{name}/dt - {name}; {name} = H below "
+            "melting_point, melting_point while latent melts, H - latent above"
+        )
+
+    def sentence(self, variant: Variant, values: Values, view: View) -> str:
+        """Size of the plateau."""
+        return (
+            f"{variant.options['channel']} is held at {values['melting_point']:.1f} °C by melting or freezing water "
+            f"({values['latent']:.1f} K worth of its heat capacity)."
+        )
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What confirms it."""
+        return "Repeat the ramp through 0 °C after an hour at 60 °C in dry air: without water the plateau is gone."
+
+
+def _plateau(record: History, tau: float, point: float, latent: float) -> FloatArray:
+    """Temperature of the node with `latent` kelvin to melt at `point`; implicit in the drive, so stable at any "
+    "step."""
+    drive = record.values + tau * rate(record)
+    gain = 1.0 - float(np.exp(-record.interval / tau))
+    first = record.values[:, 0]
+    heat = np.where(first > point, first + latent, first)
+    result = np.empty_like(record.values)
+    result[:, 0] = first
+    for index in range(1, drive.shape[1]):
+        now = result[:, index - 1]
+        heat = heat + gain * (0.5 * (drive[:, index - 1] + drive[:, index]) - now)
+        result[:, index] = np.where(heat < point, heat, np.maximum(heat - latent, point))
+    return result

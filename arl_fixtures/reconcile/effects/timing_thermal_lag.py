@@ -1,0 +1,98 @@
+"""The die follows the housing late: the error depends on the temperature's history."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from arl_fixtures.reconcile.effect import Effect, Option, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_common import (
+    amplitude,
+    distances,
+    in_mm,
+    reference,
+    shape,
+    span,
+    temperature_drivers,
+    unit_per,
+)
+from arl_fixtures.reconcile.effects_history import history, lagged, on_rows, time_column
+from arl_fixtures.reconcile.roles import unit_of
+from arl_fixtures.reconcile.view import View
+
+
+class ThermalLag(Effect):
+    """D += slope·(T_late − T) or slope·(T_late − reference); T_late follows T with a first-order time constant.
+
+    The first where the simulation knows the offset but not the lag, the second where it knows neither.
+    """
+
+    id = "timing.thermal_lag"
+    stage = Stage.TIMING
+    source = "lumped heat balance of a die on its housing: C dT/dt = (T_housing − T) / R"
+    confusable = ("timing.temperature_offset", "laser.power_decay")
+
+    def variants(self, view: View) -> Iterable[Variant]:
+        """One per temperature that has a history, the housing's first."""
+        if not time_column(view):
+            return
+        for distance in distances(view):
+            size = 1e3 if unit_of(distance) == "mm" else 1.0
+            for column in temperature_drivers(view, "housing_temperature_c", "plate_temperature_c", limit=1):
+                record = history(view, column)
+                if record is None:
+                    continue
+                wide = span(view, column)
+                duration = record.interval * record.values.shape[1]
+                shortest = max(0.5 * record.interval, 1e-3 * duration)
+                for kind in ("difference", "whole"):
+                    options: dict[str, Option] = {"channel": distance, "temperature": column, "kind": kind}
+                    if kind == "whole":
+                        options["reference"] = reference(view, column)
+                    late = unit_per(column, unit_of(distance))
+                    most = 4.0 * size / wide
+                    starts = (0.02 * duration, 0.1 * duration)
+                    yield Variant(
+                        effect=self.id,
+                        options=options,
+                        parameters=(
+                            amplitude("slope", late, -most, most, 1e-3 * most),
+                            shape("time_constant", record.unit, shortest, duration, *starts),
+                        ),
+                        channels=(distance,),
+                        drivers=(column, *(("ramp",) if view.varies("ramp") else ()), time_column(view)),
+                    )
+
+    def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
+        """Adds the error of the late temperature."""
+        distance, column = str(variant.options["channel"]), str(variant.options["temperature"])
+        record = history(view, column)
+        if record is None:
+            return
+        late = lagged(record, float(values["time_constant"]))
+        if variant.options["kind"] == "difference":
+            acting = on_rows(view, late - record.values)
+        else:
+            acting = on_rows(view, late) - float(variant.options["reference"])
+        state[distance] = state[distance] + float(values["slope"]) * np.nan_to_num(acting)
+
+    def expression(self, variant: Variant) -> str:
+        """The law."""
+        distance, column = variant.options["channel"], variant.options["temperature"]
+        against = column if variant.options["kind"] == "difference" else variant.options["reference"]
+        return f"{distance} += slope * (L - {against}), time_constant * dL/dt = {column} - L"
+
+    def sentence(self, variant: Variant, values: Values, view: View) -> str:
+        """Slope and time constant."""
+        distance, column = str(variant.options["channel"]), str(variant.options["temperature"])
+        record = history(view, column)
+        unit = record.unit if record is not None else "s"
+        return (
+            f"The timing follows {column} {values['time_constant']:.3g} {unit} late, with "
+            f"{in_mm(float(values['slope']), distance):+.3f} mm per kelvin: heating and cooling differ."
+        )
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What tells lag from hysteresis and ageing."""
+        return "Repeat one temperature step at half the ramp rate and with a long soak: a lag halves, then dies out."
