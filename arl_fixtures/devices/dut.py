@@ -19,9 +19,9 @@ from arl_fixtures.devices.port import Clock, Datagram, DatagramPort
 from arl_fixtures.errors import LocalProtocolError, RemoteProtocolError
 from arl_fixtures.metrics.block import AngleBlock
 from arl_fixtures.protocols.frame_assembly import AssembledFrame, FrameAssembler
-from arl_fixtures.protocols.hfl110 import FRAME_PERIOD_S, FRAME_PORT, ROWS, TELEMETRY_PORT, Hfl110Wire, decode_frames
+from arl_fixtures.protocols.hfl110 import FRAME_PERIOD_S, ROWS, Hfl110Wire, decode_frames
 from arl_fixtures.protocols.hfl110_telemetry import Telemetry, decode_telemetry
-from arl_fixtures.protocols.operating_record import OPERATING_PORT, OperatingRecord, decode_record
+from arl_fixtures.protocols.operating_record import OperatingRecord, decode_record
 
 PIXELS: Final = slice(92, 1116)
 """Bytes of a packet that hold ranges and intensities."""
@@ -34,9 +34,6 @@ class HflSettings(Hfl110Wire):
     """What the receiver believes about the sensors, beyond the bytes.
 
     Attributes:
-        frame_port: UDP port of frame packets.
-        telemetry_port: UDP port of telemetry.
-        operating_port: UDP port of operating records.
         exposure_lead_s: from the beginning of a frame's exposure to the arrival of its first packet. It is not
             documented for the real sensor; a frame period is on the safe side, a smaller value saves waiting time
             at each angle.
@@ -47,9 +44,6 @@ class HflSettings(Hfl110Wire):
         refuse_frozen: whether pixels that are the same in all frames of a set are an error.
     """
 
-    frame_port: int = Field(default=FRAME_PORT, gt=0, lt=65536)
-    telemetry_port: int = Field(default=TELEMETRY_PORT, gt=0, lt=65536)
-    operating_port: int = Field(default=OPERATING_PORT, gt=0, lt=65536)
     exposure_lead_s: float = Field(default=FRAME_PERIOD_S, ge=0, le=1)
     frame_timeout_s: float = Field(default=0.060, gt=0)
     fewest_rows: int = Field(default=8, ge=1, le=ROWS)

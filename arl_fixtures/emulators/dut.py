@@ -22,16 +22,14 @@ from arl_fixtures.emulators.plant import Plant
 from arl_fixtures.emulators.row_faults import RowFaults
 from arl_fixtures.protocols.hfl110 import (
     FRAME_PERIOD_S,
-    FRAME_PORT,
     ROWS,
-    TELEMETRY_PORT,
     Calibration,
     FrameEncoder,
     Hfl110Wire,
     PixelFlag,
 )
 from arl_fixtures.protocols.hfl110_telemetry import Telemetry, encode_telemetry
-from arl_fixtures.protocols.operating_record import OPERATING_PORT, OperatingRecord, encode_record
+from arl_fixtures.protocols.operating_record import OperatingRecord, encode_record
 from arl_fixtures.twin.aging import aged
 from arl_fixtures.twin.conditions import Conditions, FrameModel, altered
 from arl_fixtures.twin.expected import Expected
@@ -45,6 +43,9 @@ from arl_fixtures.yaml_model import FileModel
 Pixels = tuple[npt.NDArray[np.uint16], npt.NDArray[np.uint16], npt.NDArray[np.uint8]]
 """Intensity, range codes and flags of one frame, (H, W) each."""
 
+Sent = tuple[int, Outgoing]
+"""Destination port and datagram."""
+
 TICKS_PER_S: Final = 1e6
 """Frame numbers of the noise are exposure times in microseconds, so that a restart does not repeat the noise."""
 
@@ -53,9 +54,6 @@ class DutEmulatorSettings(FileModel):
     """How an emulated sensor behaves in time.
 
     Attributes:
-        frame_port: UDP port it sends frames to.
-        telemetry_port: UDP port it sends telemetry to.
-        operating_port: UDP port it sends operating records to.
         frame_period_s: from exposure to exposure.
         exposure_s: duration of an exposure.
         readout_delay_s: from the beginning of an exposure to the first packet.
@@ -69,9 +67,6 @@ class DutEmulatorSettings(FileModel):
         battery_v: in the telemetry.
     """
 
-    frame_port: int = Field(default=FRAME_PORT, gt=0, lt=65536)
-    telemetry_port: int = Field(default=TELEMETRY_PORT, gt=0, lt=65536)
-    operating_port: int = Field(default=OPERATING_PORT, gt=0, lt=65536)
     frame_period_s: float = Field(default=FRAME_PERIOD_S, gt=0)
     exposure_s: float = Field(default=0.010, gt=0)
     readout_delay_s: float = Field(default=0.012, gt=0)
@@ -105,7 +100,7 @@ class DutEmulator:
         dut: the unit, when new.
         scene: the chamber.
         settings: its timing.
-        wire: layout and disputed fields of its packets.
+        wire: ports, layout and disputed fields of its packets.
         models: effects that the nominal model lacks.
         cycle: cycles it has done, for its aging.
     """
@@ -141,7 +136,7 @@ class DutEmulator:
         self._cycle_start_s = 0.0
         self._renderer = Renderer(aged(dut, cycle), self._scene)
         self._coder: tuple[float, float, FrameCoder] | None = None
-        self._packets: tuple[float, list[bytes]] | None = None
+        self._last: tuple[float, list[Sent]] | None = None
         self._pixels: Pixels | None = None
         plant.attach(self._name, self._on_fault)
 
@@ -162,7 +157,7 @@ class DutEmulator:
         unit = aged(self._dut, cycle)
         if unit != self._renderer.dut:
             self._renderer = Renderer(unit, self._scene)
-        self._coder = self._packets = None
+        self._coder = self._last = None
 
     def enter_step(self, step: int, *, set_temperature_c: float, ramp: int) -> None:
         """Tell frame models which temperature step this is; the nominal unit does not care."""
@@ -180,7 +175,7 @@ class DutEmulator:
         wait_s = settings.frame_period_s if row >= ROWS else row * self._spacing_s
         return max(now_s, now_s - into_s + wait_s)
 
-    def send(self, now_s: float, until_s: float) -> list[tuple[int, Outgoing]]:
+    def send(self, now_s: float, until_s: float) -> list[Sent]:
         """Everything that leaves in `now_s` < time <= `until_s`."""
         self._plant.advance(until_s)
         first_s = self._first_packet_s()
@@ -190,7 +185,7 @@ class DutEmulator:
         # the record after the rows leaves one spacing later than the last of them
         begin = max(0, math.floor((now_s - first_s - self._settings.readout_s) / period_s))
         end = math.floor((until_s - first_s) / period_s + 1e-9)
-        sent: list[tuple[int, Outgoing]] = []
+        sent: list[Sent] = []
         for count in range(begin, end + 1):
             packet_s = first_s + count * period_s
             if self._is_mute(packet_s):
@@ -204,41 +199,43 @@ class DutEmulator:
 
     # -- parts of what is sent
 
-    def _frame(self, count: int, packet_s: float, now_s: float, until_s: float) -> list[tuple[int, Outgoing]]:
+    def _frame(self, count: int, packet_s: float, now_s: float, until_s: float) -> list[Sent]:
         settings = self._settings
-        spacing_s, port = self._spacing_s, settings.frame_port
-        times_s = [packet_s + row * spacing_s for row in range(ROWS)]
-        sent: list[tuple[int, Outgoing]] = []
-        if times_s[-1] > now_s and times_s[0] <= until_s:
-            rows = self._row_faults.apply(self._rows(count, packet_s), times_s)
-            if times_s[0] > now_s and times_s[-1] <= until_s:
-                sent = [(port, Outgoing(time_s, row)) for time_s, row in rows]
-            else:
-                sent = [(port, Outgoing(time_s, row)) for time_s, row in rows if now_s < time_s <= until_s]
+        sent: list[Sent] = []
+        last_s = packet_s + (ROWS - 1) * self._spacing_s
+        if last_s > now_s and packet_s <= until_s:
+            sent = self._packets_of(count, packet_s)
+            if packet_s <= now_s or last_s > until_s:
+                sent = [item for item in sent if now_s < item[1].time_s <= until_s]
         record_s = packet_s + settings.readout_s
         every = settings.operating_every_frames
         if every and count % every == 0 and now_s < record_s <= until_s:
-            sent.append((settings.operating_port, Outgoing(record_s, self._record(count, packet_s))))
+            sent = [*sent, (self._wire.operating_port, Outgoing(record_s, self._record(count, packet_s)))]
         return sent
 
+    def _packets_of(self, count: int, packet_s: float) -> list[Sent]:
+        """All packets of a frame. A window may end in the middle of one, so the last frame's are kept."""
+        if self._last is None or self._last[0] != packet_s:
+            times_s = [packet_s + row * self._spacing_s for row in range(ROWS)]
+            rows = self._row_faults.apply(self._rows(count, packet_s), times_s)
+            port = self._wire.frame_port
+            self._last = (packet_s, [(port, Outgoing(time_s, row)) for time_s, row in rows])
+        return self._last[1]
+
     def _rows(self, count: int, packet_s: float) -> list[bytes]:
-        """The 32 payloads of a frame. A window may end in the middle of one, so the last frame is kept."""
-        if self._packets is not None and self._packets[0] == packet_s:
-            return self._packets[1]
+        """The 32 payloads of a frame."""
         exposure_s = packet_s - self._settings.readout_delay_s
         frozen = self._plant.faults.active(self._name, FaultKind.FROZEN_FRAME, packet_s)
         if frozen is None or self._pixels is None:
             self._pixels = self._expose(exposure_s)
         intensity, codes, flags = self._pixels
-        rows = self._encoder.encode(
+        return self._encoder.encode(
             frame_number=count,
             timestamp=round((exposure_s - self._powered_s()) / self._wire.timestamp_step_s),
             intensity_counts=intensity,
             range_codes=codes,
             flags=flags,
         )
-        self._packets = (packet_s, rows)
-        return rows
 
     def _expose(self, exposure_s: float) -> Pixels:
         """Pixels of one exposure."""
@@ -295,7 +292,7 @@ class DutEmulator:
             )
         )
 
-    def _telemetry(self, first_s: float, now_s: float, until_s: float) -> list[tuple[int, Outgoing]]:
+    def _telemetry(self, first_s: float, now_s: float, until_s: float) -> list[Sent]:
         settings = self._settings
         period_s = settings.telemetry_period_s
         begin = max(0, math.floor((now_s - first_s) / period_s))
@@ -314,7 +311,7 @@ class DutEmulator:
                 battery_v=settings.battery_v,
                 acquisition_period_ms=settings.frame_period_s * 1e3,
             )
-            sent.append((settings.telemetry_port, Outgoing(time_s, encode_telemetry(telemetry, self._wire))))
+            sent.append((self._wire.telemetry_port, Outgoing(time_s, encode_telemetry(telemetry, self._wire))))
         return sent
 
     # -- power and faults
@@ -341,10 +338,10 @@ class DutEmulator:
         restarts = (fault.kind is FaultKind.RESET and begins) or (fault.kind is FaultKind.BROWN_OUT and not begins)
         if restarts:
             self._restart_s = time_s
-            self._packets = None
+            self._last = None
 
 
-def _time_s(sent: tuple[int, Outgoing]) -> float:
+def _time_s(sent: Sent) -> float:
     return sent[1].time_s
 
 

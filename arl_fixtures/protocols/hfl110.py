@@ -31,8 +31,6 @@ COLUMNS: Final = 128
 ROWS: Final = 32
 RETURNS: Final = 2
 FRAME_PERIOD_S: Final = 0.040
-FRAME_PORT: Final = 57410
-TELEMETRY_PORT: Final = 57413
 
 Layout = Literal["0.1.0", "0.0.20"]
 
@@ -69,9 +67,12 @@ class PixelFlag(IntFlag):
 
 
 class Hfl110Wire(FileModel):
-    """What the public sources leave open, or dispute, about the bytes of the sensor.
+    """Where packets go, and what the public sources leave open, or dispute, about their bytes.
 
     Attributes:
+        frame_port: UDP port of frame packets.
+        telemetry_port: UDP port of telemetry.
+        operating_port: UDP port of operating records.
         layout: packet layout a simulator sends; a receiver takes both, by length.
         packet_number_counts: whether the field at offset 12 counts frames, packets, or nothing to rely on.
         range_step_m: metres per range code.
@@ -87,6 +88,9 @@ class Hfl110Wire(FileModel):
         heater_sign: factor from wire to physical heater temperature.
     """
 
+    frame_port: int = Field(default=57410, gt=0, lt=65536)
+    telemetry_port: int = Field(default=57413, gt=0, lt=65536)
+    operating_port: int = Field(default=57420, gt=0, lt=65536)
     layout: Layout = "0.1.0"
     packet_number_counts: Literal["frames", "packets", "unknown"] = "frames"
     range_step_m: float = Field(default=1 / 256, gt=0)

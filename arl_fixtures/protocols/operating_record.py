@@ -25,7 +25,6 @@ from typing import Final
 
 from arl_fixtures.errors import LocalProtocolError, RemoteProtocolError
 
-OPERATING_PORT: Final = 57420
 MAGIC: Final = b"ARLO"
 VERSION: Final = 1
 SERIAL_BYTES: Final = 26
