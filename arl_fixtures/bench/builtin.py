@@ -19,6 +19,7 @@ from arl_fixtures.emulators.plant import Plant
 from arl_fixtures.emulators.relays import RelaysEmulator, RelaysEmulatorSettings
 from arl_fixtures.emulators.stage import StageEmulator, StageEmulatorSettings
 from arl_fixtures.emulators.thermometer import ThermometerEmulator, ThermometerEmulatorSettings
+from arl_fixtures.reconcile.twin_model import FoundEffects
 
 if TYPE_CHECKING:
     from arl_fixtures.bench.config import BenchConfig
@@ -63,8 +64,18 @@ def _relays(plant: Plant, settings: RelaysEmulatorSettings, driver: ConradSettin
 
 def _duts(plant: Plant, config: BenchConfig, driver: HflSettings) -> tuple[DatagramDevice, ...]:
     settings: DutEmulatorSettings = config.emulator_settings("duts")
+    model = config.effects_path
+    names = config.scene.surface_names
     return tuple(
-        DutEmulator(plant, index, dut, config.scene, settings=settings, wire=driver)
+        DutEmulator(
+            plant,
+            index,
+            dut,
+            config.scene,
+            settings=settings,
+            wire=driver,
+            models=() if model is None else (FoundEffects(model, names, dut.noise),),
+        )
         for index, dut in enumerate(config.dut_settings)
     )
 

@@ -114,6 +114,7 @@ class BenchConfig(FileModel):
     _device_settings: dict[str, FileModel] = PrivateAttr(default_factory=dict)
     _emulator_settings: dict[str, FileModel] = PrivateAttr(default_factory=dict)
     _sha256: str = PrivateAttr(default="")
+    _folder: Path = PrivateAttr(default=Path())
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -142,6 +143,11 @@ class BenchConfig(FileModel):
     def dut_settings(self) -> tuple[DutSettings, ...]:
         """The DUT files, in housing order."""
         return self._dut_settings
+
+    @property
+    def effects_path(self) -> Path | None:
+        """The model whose effects the emulated DUTs show, relative to the bench file; None where there is none."""
+        return self._folder / self.emulation.effects if self.emulation.effects else None
 
     @property
     def sha256(self) -> str:
@@ -187,6 +193,7 @@ def load_bench(name_or_path: str) -> BenchConfig:
     if len(set(serials)) != len(serials):
         raise ConfigError(f"duts.units: two DUTs have the same serial number among {', '.join(serials)}", path=path)
     config._dut_settings = tuple(units)
+    config._folder = path.parent
     config._sha256 = digest.hexdigest()
     return config
 

@@ -148,6 +148,11 @@ class EmulatorServer:
         with contextlib.suppress(OSError):
             self._waker.send(b"\0")
 
+    def wait(self, timeout_s: float | None = None) -> None:
+        """Wait until the thread ends: after `stop`, or because an emulator failed."""
+        if self._thread is not None:
+            self._thread.join(timeout_s)
+
     def __enter__(self) -> Self:
         self._thread = threading.Thread(target=self._run_in_thread, name="emulators", daemon=True)
         self._thread.start()

@@ -18,7 +18,7 @@ COMMANDS: Final = {
     "emulate": "arl_fixtures.cli.emulate:emulate",
     "history": "arl_fixtures.cli.results:history",
     "judge": "arl_fixtures.cli.results:judge",
-    "observe": "arl_fixtures.cli.observe:observe",
+    "observe": "arl_fixtures.cli.observe:observe_command",
     "predict": "arl_fixtures.reconcile.command:predict_command",
     "reconcile": "arl_fixtures.reconcile.command:reconcile_command",
     "recover": "arl_fixtures.cli.bags:recover",

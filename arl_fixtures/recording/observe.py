@@ -7,7 +7,7 @@ angle by angle, so memory does not grow with the number of bags.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -65,11 +65,21 @@ class Selection:
 
 @dataclass(frozen=True, slots=True)
 class SweptBag:
-    """One bag, reduced: its identity, a summary per DUT, and its temperatures as (seconds, °C) by name."""
+    """One bag, reduced: its identity, a summary per DUT, and its temperatures as (nanoseconds, °C) by name."""
 
     bag: StepBag
     sweeps: Mapping[str, SweepSummary]
     temperatures: Mapping[str, tuple[Column, Column]] = field(default_factory=dict)
+    cycle_start_ns: int = 0
+
+    def temperature_at(self, name: str, time_ns: Column) -> Column:
+        """A sensor's temperature at some times, °C, linear between its readings."""
+        at_ns, value_c = self.temperatures[name]
+        return np.asarray(np.interp(time_ns.astype(float), at_ns.astype(float), value_c), dtype=np.float32)
+
+    def time_s(self, time_ns: Column) -> Column:
+        """Seconds since the start of the cycle."""
+        return np.asarray((time_ns - self.cycle_start_ns) * 1e-9)
 
 
 def sweep_bag(path: Path) -> SweptBag:
@@ -127,9 +137,9 @@ def observe(
     try:
         for done, path in enumerate(bags):
             swept = sweep_bag(path)
-            cycle_start_ns = starts_ns[swept.bag.metadata.cycle]
+            swept = replace(swept, cycle_start_ns=starts_ns[swept.bag.metadata.cycle])
             for serial, simulated in simulation(swept).items():
-                for table in _tables(swept, serial, simulated, scene, chosen, cycle_start_ns, repeat_std or {}):
+                for table in _tables(swept, serial, simulated, scene, chosen, repeat_std or {}):
                     if writer is None:
                         part.parent.mkdir(parents=True, exist_ok=True)
                         writer = pq.ParquetWriter(part, table.schema, compression="zstd")
@@ -162,7 +172,6 @@ def _tables(
     simulated: Simulation,
     scene: SceneSettings,
     selection: Selection,
-    cycle_start_ns: int,
     repeat_std: Mapping[str, float],
 ) -> Iterable[pa.Table]:
     """Tables of some angles each, so that a full-resolution sweep is never one table."""
@@ -174,7 +183,7 @@ def _tables(
     for first in range(0, len(sweep.stage_angle_deg), angles_at_once):
         angles = slice(first, min(first + angles_at_once, len(sweep.stage_angle_deg)))
         count = angles.stop - angles.start
-        per_angle = _angle_columns(swept, serial, number, angles, cycle_start_ns)
+        per_angle = _angle_columns(swept, serial, number, angles)
         columns: dict[str, Column | pa.Array] = {
             name: np.repeat(values, v.size) for name, values in (per_angle | _signals(sweep, signals, angles)).items()
         }
@@ -196,9 +205,7 @@ def _tables(
         yield pa.table(columns)
 
 
-def _angle_columns(
-    swept: SweptBag, serial: str, number: int, angles: slice, cycle_start_ns: int
-) -> dict[str, Column]:
+def _angle_columns(swept: SweptBag, serial: str, number: int, angles: slice) -> dict[str, Column]:
     metadata, sweep = swept.bag.metadata, swept.sweeps[serial]
     time_ns = sweep.time_ns[angles]
     count = len(time_ns)
@@ -208,14 +215,13 @@ def _angle_columns(
         "step": np.full(count, metadata.step, np.int32),
         "set_temperature_c": np.full(count, metadata.set_temperature_c, np.float32),
         "ramp": np.full(count, metadata.ramp, np.int8),
-        "time_s": (time_ns - cycle_start_ns) * 1e-9,
+        "time_s": swept.time_s(time_ns),
         "stage_angle_deg": sweep.stage_angle_deg[angles],
     }
     named = {**TEMPERATURES, f"T{number + 2}": "housing_temperature_c"}
     for name, column in named.items():
         if name in swept.temperatures:
-            at_ns, value_c = swept.temperatures[name]
-            columns[column] = np.interp(time_ns.astype(float), at_ns.astype(float), value_c).astype(np.float32)
+            columns[column] = swept.temperature_at(name, time_ns)
     return columns
 
 
@@ -235,7 +241,7 @@ def _channel_columns(
     shared = np.maximum(sweep.distance_common_variance - sweep.distance_common_floor, 0.0)[angles, None]
     distance_std = np.sqrt(sweep.distance_variance[angles, v, u] + shared)
     arrived = np.maximum(flat(sweep.arrived), 1)
-    returns = flat(sweep.returns)
+    returns = flat(sweep.distance_returns)
     return {
         "intensity_counts": mean.ravel(),
         "distance_m": flat(sweep.distance_m),

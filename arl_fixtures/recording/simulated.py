@@ -88,6 +88,6 @@ def from_sweep(simulated: SweepSummary, recorded: SweepSummary, cache: GeometryC
         intensity_std_counts=np.sqrt(simulated.intensity_variance),
         distance_m=simulated.distance_m,
         distance_std_m=np.sqrt(simulated.distance_variance),
-        valid_fraction=(simulated.returns / np.maximum(simulated.arrived, 1)).astype(np.float32),
+        valid_fraction=(simulated.distance_returns / np.maximum(simulated.arrived, 1)).astype(np.float32),
         geometry=cache.at(recorded.stage_angle_deg),
     )
