@@ -212,14 +212,9 @@ def _scatter_of(
     if index is None or data.channel.role.value == "scatter":
         return None
     level = data.levels[index]
-    residual = data.residual(state)
-    if data.calibrated:
-        residual = residual - data.scale * data.constants_of(data.whitener(residual))[data.unit]
     inner = {lv.name: data.tau.get(lv.name, 0.0) for lv in data.levels[:index]}
     partial = Whitener(data.root_weight, data.levels[: index + 1], {**inner, level.name: level.floor})
-    sums, weight = partial.group_sums(residual, level.name)
-    lost = float(data.units if data.calibrated else 0)
-    tau, gain = fit_tau(sums, weight, floor=level.floor, lost=lost)
+    tau, gain = data.level_scatter(data.residual(state), level, partial)
     declared = any(lv.declared for lv in data.levels)
     size = tau * float(np.median(level.scale))
     if gain < SCATTER_GAIN or (level.floor > 0 and (tau < 1.4 or not level.declared)):

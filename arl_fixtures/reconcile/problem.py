@@ -99,6 +99,30 @@ class ChannelData:
         """Measured − corrected simulation."""
         return self.measured - self.expect * state[self.channel.name][self.use]
 
+    def level_scatter(
+        self, residual: FloatArray, level: Level, partial: Whitener, *, lost: float = 0.0
+    ) -> tuple[float, float]:
+        """Scatter of one level and its gain of likelihood over the level's floor.
+
+        Images are nested in steps: their scatter is what remains beside the mean of their step.
+        """
+        centred = residual
+        count = 0.0
+        if self.calibrated:
+            centred = residual - self.scale * self.constants_of(self.whitener(residual))[self.unit]
+            count = float(self.units)
+        step = next((other for other in self.levels if other.name == "step"), None)
+        if level.name == "frame" and step is not None:
+            weight = self.root_weight**2
+            top = np.bincount(step.code, weight * self.scale * centred, minlength=step.count)
+            bottom = np.bincount(step.code, weight * self.scale**2, minlength=step.count)
+            centred = centred - self.scale * (top / np.maximum(bottom, 1e-300))[step.code]
+            count = float(step.count)
+        elif level.name == "step":
+            count += lost
+        sums, weight = partial.group_sums(centred, level.name)
+        return fit_tau(sums, weight, floor=level.floor, lost=min(count, level.count / 2.0))
+
     def fit_scatter(self, residual: FloatArray, *, lost: float = 0.0) -> tuple[float, dict[str, float]]:
         """Likelihood with the group scatters at their best.
 
@@ -106,14 +130,9 @@ class ChannelData:
             log-likelihood (up to a constant of the channel), scatters. The whitener is left as it was.
         """
         tau: dict[str, float] = {}
-        centred = residual
-        if self.calibrated:
-            centred = residual - self.scale * self.constants_of(self.whitener(residual))[self.unit]
         for index, level in enumerate(self.levels):
             partial = Whitener(self.root_weight, self.levels[: index + 1], {**tau, level.name: level.floor})
-            sums, weight = partial.group_sums(centred, level.name)
-            count = float(self.units if self.calibrated else 0) + (lost if level.name == "step" else 0.0)
-            tau[level.name], _ = fit_tau(sums, weight, floor=level.floor, lost=min(count, level.count / 2.0))
+            tau[level.name], _ = self.level_scatter(residual, level, partial, lost=lost)
         kept = self.tau
         self.rebuild(tau)
         z = self.whiten(residual)

@@ -28,6 +28,7 @@ MOST_TERMS = 4
 SHORTLIST = 16
 PRICE = 2.0
 """Log-likelihood that each free parameter must earn."""
+PRIOR_GROUPS = 20.0
 LEVEL_NAME, LEVEL_ALARM = 0.99, 0.95
 
 Progress = Callable[[str, float], None]
@@ -259,8 +260,9 @@ def shortlist(candidates: Sequence[Candidate], size: int = SHORTLIST, per_effect
 def robust_gain(problem: Problem, found: Fit, first: int) -> float:
     """Gain of the terms from `first` on, as a Wald test with errors shared by steps, angles or pixels sees it.
 
-    Scores are summed over whole groups, their scatter over groups gives the covariance (sandwich), Hotelling's F its
-    small-sample law; the least favourable grouping counts. Returned as an equivalent log-likelihood gain.
+    Scores are summed over whole groups, their scatter over groups gives the covariance (sandwich), blended with the
+    model's own as if that rested on `PRIOR_GROUPS` groups; Hotelling's F gives its small-sample law. The least
+    favourable grouping counts. Returned as an equivalent log-likelihood gain.
     """
     keys = [k for k, (index, p) in enumerate(found.keys) if index >= first and p.is_amplitude]
     if not keys:
@@ -278,16 +280,17 @@ def robust_gain(problem: Problem, found: Fit, first: int) -> float:
             continue
         inverse_code = np.unique(problem.codes(code), return_inverse=True)[1]
         groups = int(inverse_code.max()) + 1
-        if groups < 8:
+        if groups < 4:
             continue
         scores = np.stack([np.bincount(inverse_code, column * residual, minlength=groups) for column in jacobian.T])
-        covariance = inverse @ (scores @ scores.T) @ inverse * groups / (groups - 1.0)
+        sandwich = inverse @ (scores @ scores.T) @ inverse * groups / (groups - 1.0)
+        covariance = (PRIOR_GROUPS * inverse + groups * sandwich) / (PRIOR_GROUPS + groups)
         block = covariance[np.ix_(keys, keys)]
         wald = float(value @ np.linalg.pinv(block, hermitian=True) @ value)
-        k, rest = len(keys), groups - len(keys)
-        if rest < 2:
-            continue
-        p_log = stats.f.logsf(wald * rest / (k * (groups - 1.0)), k, rest)
+        k = len(keys)
+        whole = PRIOR_GROUPS + groups - 1.0
+        rest = whole + 1.0 - k
+        p_log = stats.f.logsf(wald * rest / (k * whole), k, rest)
         worst = min(worst, _gain_of(float(p_log), k))
     return worst
 
