@@ -71,6 +71,7 @@ class TmclStage:
         self._homed = False
         self._flags = 0
         self._target_steps: int | None = None
+        self._start_steps = 0
         self._arrival_s = 0.0
 
     @property
@@ -111,7 +112,7 @@ class TmclStage:
         if self._settings.encoder:
             self._module.set_axis(Axis.ENCODER, round(steps * self._settings.encoder_counts_per_microstep))
         self._module.set_user(self._settings.marker_variable, _HOMED_MARKER)
-        self._homed = True
+        self._homed, self._start_steps = True, steps
         low, high = self.limits_deg
         self.move_to_deg(min(max(self._settings.reference_angle_deg, low), high))
         try:
@@ -138,13 +139,9 @@ class TmclStage:
         self._require_marker()
         settings = self._settings
         target = round(settings.clockwise_sign * (angle_deg - settings.reference_angle_deg) * settings.steps_per_deg)
-        way_deg = (
-            2.0 * settings.maximum_deg
-            if self._target_steps is None
-            else abs(target - self._target_steps) / settings.steps_per_deg
-        )
+        way_deg = abs(target - self._start_steps) / settings.steps_per_deg
         self._module.do(Command.MOVE, MoveType.ABSOLUTE, target)
-        self._target_steps = target
+        self._target_steps = self._start_steps = target
         self._arrival_s = self._clock.now_s + _duration_s(
             way_deg, settings.max_speed_deg_s, settings.acceleration_deg_s2
         )
@@ -192,6 +189,7 @@ class TmclStage:
             if self._clock.now_s >= deadline_s:
                 raise DeviceError(f"{self._module.place}: still turns {_STOP_TIMEOUT_S:g} s after stop")
             self._clock.sleep(self._settings.poll_s)
+        self._start_steps = self._module.axis(Axis.ACTUAL)
 
     def fault(self) -> str:
         """What is wrong, in words; empty when nothing is. Error flags are kept until the next `home`."""

@@ -108,7 +108,7 @@ class ChillerEmulator:
     def _power_up(self) -> None:
         settings = self._settings
         self._setpoint_c = self._followed_c = settings.setpoint_start_c
-        self._controlling = self._circulating = False
+        self._controlling = self._circulation_asked = False
         self._error = self._warning = 0
         self._pump_rpm = settings.pump_rpm
         self._plain = dict(_PLAIN)
@@ -173,13 +173,11 @@ class ChillerEmulator:
                 if on and not self._controlling:
                     self._silent_until_s = now_s + settings.silent_after_start_s
                 self._controlling = on
-                # temperature control needs flow
-                self._circulating = self._circulating or on
             case Address.CIRCULATION:
                 on = bool(word) and self._level_percent() >= settings.level_stop_percent
                 if on and not self._circulating:
                     self._silent_until_s = now_s + settings.silent_after_circulation_s
-                self._circulating = on
+                self._circulation_asked = on
                 self._controlling = self._controlling and on
             case Address.PUMP_SPEED_SETPOINT:
                 self._pump_rpm = min(word, 32000)
@@ -221,6 +219,11 @@ class ChillerEmulator:
     # -- behaviour
 
     @property
+    def _circulating(self) -> bool:
+        # temperature control needs flow, and without it only what was asked for goes on
+        return self._circulation_asked or self._controlling
+
+    @property
     def _pumping(self) -> bool:
         return self._circulating and self._fault(FaultKind.PUMP_STOP) is None
 
@@ -255,7 +258,7 @@ class ChillerEmulator:
         level = self._level_percent()
         if level < settings.level_stop_percent:
             self._error = _LEVEL_TOO_LOW
-            self._circulating = False
+            self._circulation_asked = False
         elif level < settings.level_warning_percent:
             self._warning = settings.level_warning_code
         if alarm is not None:
