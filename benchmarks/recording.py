@@ -170,7 +170,7 @@ def recording(folder: Path, times: int) -> Iterator[str]:
     yield f"writing, all threads           {own.process_s * us:8.1f} µs per frame"
     yield f"mcap.writer.Writer, same       {theirs.thread_s * us:8.1f} µs per frame, without making the messages"
     yield f"calling thread / mcap.Writer   {own.thread_s / theirs.thread_s:8.2f}"
-    yield f"a cycle's writing / budget     {cycle_s / (2 * CYCLE_BUDGET_S):8.3f} of {CYCLE_BUDGET_S:.0f} s on two cores"
+    yield f"a cycle, both cores / budget    {cycle_s / (2 * CYCLE_BUDGET_S):8.3f} of {CYCLE_BUDGET_S:.0f} s each"
     yield f"memory beyond the step itself  {growth_mib:8.1f} MiB"
     yield f"a cycle on disk                {receipts[0].size_bytes * STEPS / 1e9:8.2f} GB ({CYCLE_FRAMES} frames)"
     plain = sum(each.intensity_counts.nbytes + each.distance_m.nbytes for each in step)
