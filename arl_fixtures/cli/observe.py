@@ -8,6 +8,8 @@ from pathlib import Path
 
 import click
 import numpy as np
+from rich.console import Console
+from rich.progress import Progress
 
 from arl_fixtures.bench.config import BenchConfig, load_bench
 from arl_fixtures.errors import ConfigError, DataError
@@ -49,7 +51,9 @@ def observe_command(
     twins = Twins(config, model)
     source: Twins | Foreign = twins if simulation is None else Foreign(simulation, twins)
     repeat = repeatability([sweep_bag(bag) for bag in bags_in(gauge)]) if gauge is not None else {}
-    with click.progressbar(length=len(bags), label="observing", file=click.get_text_stream("stderr")) as bar:
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("observing", total=len(bags))
         rows = observe(
             bags,
             out,
@@ -57,7 +61,7 @@ def observe_command(
             config.scene,
             selection=selection(pixels),
             repeat_std=repeat,
-            progress=lambda done, _total: bar.update(done - bar.pos),
+            progress=lambda done, _total: bar.update(task, completed=done),
         )
     click.echo(f"{out}: {rows} rows of {len(bags)} bags")
 
