@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import select
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, Self, final
 
@@ -43,7 +43,6 @@ class LabClient:
         welcome = self.ask("hello", name=name, role=role).header
         self.number = int(welcome["number"])
         self.clock = LabClock(self, float(welcome["now_s"]), int(welcome["epoch_ns"]))
-        self._awaited = 0
 
     @classmethod
     def connect(cls, path: Path, name: str, *, role: str) -> Self:
@@ -80,34 +79,41 @@ class LabClient:
             raise ERRORS.get(answer.header["error"], DeviceError)(str(answer.header["message"]))
         return answer
 
-    def wait(self, until_s: float, others: Sequence[Any] = ()) -> list[Any]:
-        """Wait until `until_s` on the lab's clock, or until one of `others` can be read.
+    def ask_attentively(
+        self,
+        op: str,
+        header: dict[str, Any],
+        sockets: Callable[[], Sequence[Any]],
+        attend: Callable[[], bool],
+    ) -> Message:
+        """Do a request that takes time, and hear others meanwhile.
 
-        Returns:
-            which of `others` can be read; empty when the time has come. When something can be read the wait goes
-            on at the lab until `adopt` or `settle`, so that no time passes unnoticed.
+        Args:
+            op, header: the request.
+            sockets: gives what else may speak.
+            attend: called when one of them has; true cancels the request, which then ends without result.
         """
         try:
-            if not self._awaited:
-                ready = select.select(others, [], [], 0.0)[0] if others else []
-                if ready:
-                    return list(ready)
-                self._link.send({"op": "wait", "until_s": min(until_s, 1e300)})
-                self._awaited = 1
-            ready = select.select([self._link, *others], [], [])[0]
-            # what the others say comes first: it was said before time passed
-            if spoken := [other for other in ready if other is not self._link]:
-                return spoken
-            self._settle()
+            self._link.send({"op": op, **header})
+            cancelled = False
+            while True:
+                others = [] if cancelled else list(sockets())
+                ready = select.select([self._link, *others], [], [])[0]
+                # what others say comes first: it was said before time passed
+                if any(other is not self._link for other in ready):
+                    if attend():
+                        cancelled = True
+                        self._link.send({"op": "cancel"})
+                elif ready:
+                    answer = self._link.take(None)
+                    assert answer is not None
+                    return self._understood(answer)
         except PeerLostError as error:
             raise DeviceLostError(f"the lab is gone: {error}") from None
-        return list(select.select(others, [], [], 0.0)[0]) if others else []
 
-    def adopt(self, client: int = 0) -> None:
-        """End a wait that is under way, and act for `client`, which waits for this process outside the lab."""
+    def adopt(self, client: int) -> None:
+        """Act for `client`, which waits for this process outside the lab and so must not hold the clock."""
         self._tell({"op": "adopt", "client": client})
-        if self._awaited:
-            self._settle()
 
     def release(self, client: int) -> None:
         """`client` acts for itself again from now on."""
@@ -118,16 +124,6 @@ class LabClient:
             self._link.send(header)
         except PeerLostError as error:
             raise DeviceLostError(f"the lab is gone: {error}") from None
-
-    def _settle(self) -> None:
-        """Take the one answer that a wait always gets, be it over or cancelled."""
-        try:
-            answer = self._link.take(None)
-        except PeerLostError as error:
-            raise DeviceLostError(f"the lab is gone: {error}") from None
-        self._awaited = 0
-        if answer is not None:
-            self._understood(answer)
 
     # -- the lab's back door, for tests and `arl lab`
 
@@ -207,32 +203,38 @@ class LabStreamPort:
 
     def __init__(self, client: LabClient, line: str) -> None:
         self.name = f"emulated {line}"
-        self._client, self._line = client, line
-        self._open = False
+        self.line = line
+        self._client = client
+        self._drain = False
         client.ask("open", line=line)
         self._open = True
 
     def write(self, data: bytes) -> None:
         """Send all of `data`."""
-        self._client.ask("write", data, line=self._line)
+        drain, self._drain = self._drain, False
+        self._client.ask("write", data, line=self.line, drain=drain)
 
     def read(self, timeout_s: float) -> bytes:
         """What has arrived; lets time pass until something has."""
-        return self._client.ask("read", line=self._line, timeout_s=timeout_s).payload
+        if self._drain:
+            self._drain = False
+            self._client.ask("drain", line=self.line)
+        return self._client.ask("read", line=self.line, timeout_s=timeout_s).payload
 
     def drain(self) -> bytes:
-        """Take what lies unread."""
-        return self._client.ask("drain", line=self._line).payload
+        """Forget what lies unread before the next request; says nothing about it, which saves an exchange."""
+        self._drain = True
+        return b""
 
     def reopen(self) -> None:
         """Forget what is under way in both directions."""
-        self._client.ask("reopen", line=self._line)
+        self._client.ask("reopen", line=self.line)
 
     def close(self) -> None:
         """Leave the line to others."""
         if self._open:
             self._open = False
-            self._client.ask("close", line=self._line)
+            self._client.ask("close", line=self.line)
 
 
 @final

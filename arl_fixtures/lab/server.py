@@ -64,7 +64,6 @@ class _Waiting:
 
     finish: Callable[[], bool]
     wake_s: float
-    cancellable: bool = False
 
 
 @dataclass(slots=True)
@@ -265,8 +264,8 @@ class LabServer:
             # it speaks for itself again: whoever had borrowed it is done with it
             client.lent_to = 0
         try:
-            if header.get("op") in {"adopt", "release"}:
-                self._borrow(client, header)
+            if header.get("op") in {"adopt", "release", "cancel"}:
+                self._signal(client, header)
                 return
             if client.waiting is not None:
                 raise LocalProtocolError("a request is under way already")
@@ -289,7 +288,10 @@ class LabServer:
             case "open":
                 self._open(client, str(header["line"]))
             case "write":
-                self._line(client, header).write(payload)
+                line = self._line(client, header)
+                if header.get("drain"):
+                    line.drain()
+                line.write(payload)
                 self._answer(client)
             case "drain":
                 self._answer(client, payload=self._line(client, header).drain())
@@ -304,9 +306,7 @@ class LabServer:
             case "read":
                 self._read(client, self._line(client, header), until_s=now_s + max(float(header["timeout_s"]), 0.0))
             case "sleep":
-                self._sleep(client, float(header["until_s"]), cancellable=False)
-            case "wait":
-                self._sleep(client, float(header["until_s"]), cancellable=True)
+                self._sleep(client, float(header["until_s"]))
             case "listen":
                 self._listen(client, int(header["port"]))
             case "receive":
@@ -368,14 +368,14 @@ class LabServer:
 
         self._park(client, _Waiting(finish, until_s))
 
-    def _sleep(self, client: _Client, until_s: float, *, cancellable: bool) -> None:
+    def _sleep(self, client: _Client, until_s: float) -> None:
         def finish() -> bool:
             if self._clock.now_s < until_s:
                 return False
             self._answer(client)
             return True
 
-        self._park(client, _Waiting(finish, until_s, cancellable))
+        self._park(client, _Waiting(finish, until_s))
 
     def _listen(self, client: _Client, port: int) -> None:
         owner = next((other for other in self._clients.values() if port in other.networks), None)
@@ -408,18 +408,21 @@ class LabServer:
         if not waiting.finish():
             client.waiting = waiting
 
-    def _borrow(self, client: _Client, header: dict[str, Any]) -> None:
-        """A client acts for another, which waits for it outside the lab; or is done with that."""
-        other = self._clients.get(int(header["client"]))
-        if header["op"] == "release":
-            if other is not None and other.lent_to == client.number:
-                self._give_back(other)
+    def _signal(self, client: _Client, header: dict[str, Any]) -> None:
+        """What has no answer of its own: a client acts for another, which waits for it outside the lab; is done
+        with that; or will not wait any longer for what it asked."""
+        if header["op"] == "cancel":
+            if client.waiting is not None:
+                client.waiting = None
+                self._answer(client, cancelled=True)
             return
-        if client.waiting is not None and client.waiting.cancellable:
-            client.waiting = None
-            self._answer(client, cancelled=True)
-        if other is not None and other is not client and other.waiting is None:
+        other = self._clients.get(int(header["client"]))
+        if other is None or other is client:
+            return
+        if header["op"] == "adopt" and other.waiting is None:
             other.lent_to = client.number
+        elif header["op"] == "release" and other.lent_to == client.number:
+            self._give_back(other)
 
     def _give_back(self, client: _Client) -> None:
         client.lent_to = 0

@@ -125,17 +125,24 @@ def test_acting_for_another_moves_time_though_that_one_does_not_wait_at_the_lab(
 
 
 def test_a_wait_ends_when_somebody_else_speaks(connect):
-    guard = connect("guard", role="follower")
+    guard = connect("guard", "follower")
     reader, writer = os.pipe()
+    heard = []
+
+    def attend():
+        heard.append(os.read(reader, 1))
+        return heard[-1] == b"!"
+
     try:
-        os.write(writer, b"x")
         now_s = guard.clock.now_s
-        assert guard.wait(now_s + 1e6, [reader]) == [reader]
-        os.read(reader, 1)
-        threading.Timer(0.05, os.write, (writer, b"y")).start()
-        assert guard.wait(now_s + 1e6, [reader]) == [reader]
-        guard.adopt()
+        os.write(writer, b"x")
+        threading.Timer(0.05, os.write, (writer, b"!")).start()
+        answer = guard.ask_attentively("sleep", {"until_s": now_s + 1e6}, lambda: [reader], attend)
+        assert answer.header["cancelled"]
+        assert heard == [b"x", b"!"]
         assert guard.clock.now_s < now_s + 60
+        answer = guard.ask_attentively("sleep", {"until_s": guard.clock.now_s + 0.05}, lambda: [reader], attend)
+        assert "cancelled" not in answer.header
     finally:
         os.close(reader)
         os.close(writer)
