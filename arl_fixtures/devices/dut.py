@@ -7,7 +7,7 @@ that was; the receiver infers it from the arrival of a frame's first packet and 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final, final
 
 import numpy as np
@@ -27,6 +27,7 @@ PIXELS: Final = slice(92, 1116)
 """Bytes of a packet that hold ranges and intensities."""
 LONGEST_BACKLOG_S: Final = 1.0
 """Frames that lie unread longer than this are not worth reading: newer ones come at once."""
+SHOWN_STRANGERS: Final = 3
 NANOSECONDS: Final = 1e9
 
 
@@ -45,7 +46,7 @@ class HflSettings(Hfl110Wire):
     """
 
     exposure_lead_s: float = Field(default=FRAME_PERIOD_S, ge=0, le=1)
-    frame_timeout_s: float = Field(default=0.060, gt=0)
+    frame_timeout_s: float = Field(default=0.250, gt=0)
     fewest_rows: int = Field(default=8, ge=1, le=ROWS)
     silence_s: float = Field(default=3.0, gt=0)
     operating_max_age_s: float = Field(default=1.0, gt=0)
@@ -68,6 +69,7 @@ class _Sensor:
     assembler: FrameAssembler
     frames: list[AssembledFrame] = field(default_factory=list)
     last_packet_s: float = float("-inf")
+    last_length: int = 0
     dropped_frames: int = 0
     corrupt_rows: int = 0
     telemetry: Telemetry | None = None
@@ -196,7 +198,7 @@ class HflReceiver:
                 serial=sensor.serial,
                 address=sensor.address,
                 last_packet_s=sensor.last_packet_s,
-                counts=sensor.assembler.counts,
+                counts=replace(sensor.assembler.counts),
                 dropped_frames=sensor.dropped_frames,
                 corrupt_rows=sensor.corrupt_rows,
                 telemetry=sensor.telemetry,
@@ -241,6 +243,7 @@ class HflReceiver:
             finished = sensor.assembler.feed(mine) if mine else []
             if mine:
                 sensor.last_packet_s = mine[-1][1]
+                sensor.last_length = len(mine[-1][0])
             finished += sensor.assembler.expire(now_s)
             for frame in finished:
                 if frame.cut or frame.first_s < from_s:
@@ -327,8 +330,16 @@ class HflReceiver:
         who = f"DUT {sensor.serial} at {sensor.address}"
         waited_s = self._clock.now_s - start_s
         if sensor.last_packet_s < start_s:
-            return f"{who}: silent, no packet on {self._ports.frames.name} for {waited_s:.1f} s"
-        return f"{who}: {len(sensor.frames)} of {n_frames} frames in {waited_s:.1f} s"
+            strangers = ", ".join(sorted(self.unknown_senders)[:SHOWN_STRANGERS])
+            instead = f"; packets came from {strangers}, which is no configured DUT" if strangers else ""
+            return f"{who}: silent, no packet on {self._ports.frames.name} for {waited_s:.1f} s{instead}"
+        malformed = sensor.assembler.counts.malformed
+        why = (
+            f"; {malformed} malformed packets so far, the last packet has {sensor.last_length} bytes"
+            if malformed
+            else ""
+        )
+        return f"{who}: {len(sensor.frames)} of {n_frames} frames in {waited_s:.1f} s{why}"
 
     def _complaint(self, sensor: _Sensor) -> str:
         silent_s = self._listened_s - sensor.last_packet_s

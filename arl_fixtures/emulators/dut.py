@@ -20,7 +20,9 @@ from arl_fixtures.emulators.fault_kinds import FaultKind
 from arl_fixtures.emulators.faults import Fault
 from arl_fixtures.emulators.plant import Plant
 from arl_fixtures.emulators.row_faults import RowFaults
+from arl_fixtures.errors import ConfigError
 from arl_fixtures.protocols.hfl110 import (
+    COLUMNS,
     FRAME_PERIOD_S,
     ROWS,
     Calibration,
@@ -103,6 +105,9 @@ class DutEmulator:
         wire: ports, layout and disputed fields of its packets.
         models: effects that the nominal model lacks.
         cycle: cycles it has done, for its aging.
+
+    Raises:
+        ConfigError: the unit has another number of pixels than the sensor.
     """
 
     def __init__(
@@ -117,6 +122,10 @@ class DutEmulator:
         models: Sequence[FrameModel] = (),
         cycle: int = 0,
     ) -> None:
+        if (dut.columns, dut.rows) != (COLUMNS, ROWS):
+            raise ConfigError(
+                f"DUT {dut.serial}: an HFL110 has {COLUMNS} x {ROWS} pixels, not {dut.columns} x {dut.rows}"
+            )
         self._plant, self._index, self._dut = plant, index, dut
         self._scene = scene or SceneSettings()
         self._settings = settings or DutEmulatorSettings()

@@ -79,13 +79,17 @@ class FrameAssembler:
         packet_numbers: what the packet number field counts. With `frames` it is the frame's key; with `packets`
             the frame's key is that number less the row number; with `unknown` a frame ends where row numbers
             start again, or after a pause.
-        timeout_s: after the last packet of an incomplete frame, bench time.
+        timeout_s: after the last packet of an incomplete frame, bench time. It only matters when nothing follows
+            the frame, so it may be long: a sender or host that stalls for a moment loses nothing.
+        pause_s: with `unknown`, a longer pause between packets ends a frame; less than a frame period.
     """
 
-    def __init__(self, packet_numbers: PacketNumbers = "frames", *, timeout_s: float = 0.060) -> None:
+    def __init__(
+        self, packet_numbers: PacketNumbers = "frames", *, timeout_s: float = 0.250, pause_s: float = 0.030
+    ) -> None:
         self.counts = AssemblyCounts()
         self._numbers = packet_numbers
-        self._timeout_s = timeout_s
+        self._timeout_s, self._pause_s = timeout_s, pause_s
         self._open: OrderedDict[int, AssembledFrame] = OrderedDict()
         self._finished: deque[int] = deque(maxlen=REMEMBERED_FRAMES)
         self._done: list[AssembledFrame] = []
@@ -187,7 +191,7 @@ class FrameAssembler:
     def _key_by_order(self, row: int, payload: bytes, time_s: float) -> int | None:
         """The frame that a row continues or begins, judged by row numbers and pauses; None if it came too late."""
         frame = self._open.get(self._order_key)
-        paused = time_s - self._previous_s > self._timeout_s / 2
+        paused = time_s - self._previous_s > self._pause_s
         self._previous_s = time_s
         if frame is None and not paused and row >= ROWS - REORDER_ROWS:
             # the end of a frame just finished, not the beginning of one

@@ -107,8 +107,7 @@ class Renderer:
         azimuth_rad, elevation_rad = self.centre_directions_rad
         dead = np.zeros((self.dut.rows, self.dut.columns), dtype=bool)
         for u, v in self.dut.dead_pixels:
-            if u < self.dut.columns and v < self.dut.rows:
-                dead[v, u] = True
+            dead[v, u] = True
         return _frozen(np.degrees(azimuth_rad)), _frozen(np.degrees(elevation_rad)), _read_only(dead)
 
     def _columns_of(self, panel: Panel, azimuth_rad: float) -> slice:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ipaddress
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from arl_fixtures.twin.aging import AgingSettings
 from arl_fixtures.twin.beam import BeamSettings, PowerPatch
@@ -88,9 +88,12 @@ class DutSettings(FileModel):
 
     @field_validator("dead_pixels")
     @classmethod
-    def _pixels_count_from_zero(cls, pixels: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
+    def _pixels_lie_in_the_image(
+        cls, pixels: tuple[tuple[int, int], ...], info: ValidationInfo
+    ) -> tuple[tuple[int, int], ...]:
+        columns, rows = info.data.get("columns", 0), info.data.get("rows", 0)
         for u, v in pixels:
-            if u < 0 or v < 0:
-                msg = f"dead pixel ({u}, {v}) has a negative index"
+            if not (0 <= u < columns and 0 <= v < rows):
+                msg = f"dead pixel (u {u}, v {v}) lies outside the image of {columns} x {rows}"
                 raise ValueError(msg)
         return pixels

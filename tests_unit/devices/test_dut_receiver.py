@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from arl_fixtures.bench.clock import VIRTUAL_EPOCH_NS, VirtualClock
 from arl_fixtures.devices.dut import HflPorts, HflReceiver, HflSettings
@@ -173,6 +175,37 @@ def test_a_dut_that_falls_silent_is_told_from_one_that_is_slow():
     with pytest.raises(DutSilentError, match=r"SN-A at 192\.168\.10\.21: 3 of 5 frames in"):
         duts.collect(["SN-A"], 5, not_before_s=0.0, timeout_s=5.0)
     assert duts.status()["SN-A"].complaint.startswith("silent for")
+
+
+def test_a_wrong_address_in_a_dut_file_is_hinted_at():
+    duts, _ = receiver(frames_of("192.168.10.29", count=200), senders={"SN-A": "192.168.10.21"})
+    with pytest.raises(DutSilentError, match=r"packets came from 192\.168\.10\.29, which is no configured DUT"):
+        duts.collect(["SN-A"], 1, not_before_s=0.0, timeout_s=9.0)
+
+
+def test_an_unknown_layout_is_hinted_at():
+    short = [d._replace(payload=d.payload[:1116]) for d in frames_of("192.168.10.21", count=200)]
+    duts, _ = receiver(short, senders={"SN-A": "192.168.10.21"})
+    with pytest.raises(DutSilentError, match=r"0 of 1 frames .* malformed .*, the last one has 1116 bytes"):
+        duts.collect(["SN-A"], 1, not_before_s=0.0, timeout_s=1.0)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.tuples(st.binary(max_size=50) | st.just(bytes(1372)) | st.just(b"\xff" * 1372), st.booleans())))
+def test_garbage_among_the_packets_never_crashes_and_costs_no_frame(garbage):
+    nonsense = [
+        Datagram(payload, "192.168.10.21" if mine else "10.0.0.66", 0.001 * index)
+        for index, (payload, mine) in enumerate(garbage)
+    ]
+    duts, _ = receiver(
+        nonsense + frames_of("192.168.10.21", first_number=77),
+        senders={"SN-A": "192.168.10.21"},
+        telemetry=nonsense,
+        operating=nonsense,
+    )
+    block = duts.collect(["SN-A"], 3, not_before_s=0.0, timeout_s=2.0)["SN-A"]
+    assert shown(block) == [0, 1, 2]
+    assert block.row_valid.all()
 
 
 def test_the_time_out_holds_on_the_bench_clock():

@@ -18,6 +18,7 @@ from arl_fixtures.emulators.fault_kinds import FaultKind
 from arl_fixtures.emulators.faults import Fault, FaultBook
 from arl_fixtures.emulators.motion import plan_move
 from arl_fixtures.emulators.plant import Plant, PlantSettings
+from arl_fixtures.errors import ConfigError
 from arl_fixtures.protocols.hfl110 import Hfl110Wire, PixelFlag, decode_frames, decode_header
 from arl_fixtures.protocols.hfl110_telemetry import decode_telemetry
 from arl_fixtures.protocols.operating_record import decode_record
@@ -331,6 +332,11 @@ def test_after_a_restart_it_boots_again(fault, silent_until_s):
     blocks = collect(receiver, clock, 2)
     began_s = (blocks["EMU-1"].time_ns[0] - clock.utc_ns()) / 1e9 + clock.now_s
     assert began_s == pytest.approx(silent_until_s + TIMES.boot_s, abs=0.002)
+
+
+def test_a_unit_with_other_pixels_is_refused():
+    with pytest.raises(ConfigError, match="DUT EMU-1: an HFL110 has 128 x 32 pixels, not 64 x 32"):
+        DutEmulator(Plant(), 0, DUT.model_copy(update={"columns": 64}))
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,8 @@ def test_a_dut_file_is_read(tmp_path):
     [
         ("serial: S\nintrinsics: {fxx: 1}\n", ":2:14:", "did you mean 'fx'"),
         ("serial: S\nsender_address: nowhere\n", ":2:17:", "IPv4"),
-        ("serial: S\ndead_pixels: [[1, -2]]\n", ":2:14:", "negative"),
+        ("serial: S\ndead_pixels: [[1, -2]]\n", ":2:14:", "outside the image of 128 x 32"),
+        ("serial: S\ndead_pixels: [[128, 0]]\n", ":2:14:", "dead pixel (u 128, v 0)"),
         ("serial: S\nfield_samples: 2\n", ":2:16:", "1, 3, 5, 7 or 9"),
         ("gain: 1\n", "", "'serial' is missing"),
     ],
