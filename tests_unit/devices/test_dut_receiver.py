@@ -186,7 +186,7 @@ def test_a_wrong_address_in_a_dut_file_is_hinted_at():
 def test_an_unknown_layout_is_hinted_at():
     short = [d._replace(payload=d.payload[:1116]) for d in frames_of("192.168.10.21", count=200)]
     duts, _ = receiver(short, senders={"SN-A": "192.168.10.21"})
-    with pytest.raises(DutSilentError, match=r"0 of 1 frames .* malformed .*, the last one has 1116 bytes"):
+    with pytest.raises(DutSilentError, match=r"0 of 1 frames .* malformed .*, the last packet has 1116 bytes"):
         duts.collect(["SN-A"], 1, not_before_s=0.0, timeout_s=1.0)
 
 
