@@ -33,7 +33,7 @@ class Clock(Protocol):
 class Journal:
     """One session's journal, open for writing. Only one process has it at a time.
 
-    Made by `create` or `resume`.
+    Made by `create`, `resume` or `reopen`.
     """
 
     def __init__(self, path: Path, descriptor: int, clock: Clock, *, seq: int, size: int, prev: str) -> None:
@@ -59,10 +59,10 @@ class Journal:
         return journal
 
     @classmethod
-    def resume(cls, path: Path, identity: Identity, clock: Clock, reason: str = "") -> Self:
-        """Go on in an existing file; a torn last line is cut off and the cut is journalled.
+    def reopen(cls, path: Path, clock: Clock) -> Self:
+        """Append to an existing file without going on with the session: a guard's safe stop, an acknowledgement.
 
-        Whether the identity is the session's own is for `check_same` to say, before.
+        A torn last line is cut off and the cut is journalled.
 
         Raises:
             DataError: the file is damaged before its last line.
@@ -72,12 +72,25 @@ class Journal:
         with journal._closing_on_error():
             contents = read_lines(path)
             journal._seq, journal._size, journal._prev = len(contents.lines), contents.size, contents.last_hash
-            entries: list[JournalModel] = []
             if contents.torn:
                 os.ftruncate(journal._descriptor, contents.size)
                 shown = contents.torn[:_SHOWN_BYTES].decode("utf-8", "backslashreplace").replace("\x00", "\\0")
-                entries.append(Repair(discarded_bytes=len(contents.torn), discarded=shown))
-            journal.append_many([*entries, SessionResume(identity=identity, reason=reason)])
+                journal.append(Repair(discarded_bytes=len(contents.torn), discarded=shown))
+        return journal
+
+    @classmethod
+    def resume(cls, path: Path, identity: Identity, clock: Clock, reason: str = "") -> Self:
+        """Go on with the session of an existing file; a torn last line is dealt with as in `reopen`.
+
+        Whether the identity is the session's own is for `check_same` to say, before.
+
+        Raises:
+            DataError: the file is damaged before its last line.
+            StorageError: another process has it, or it cannot be written.
+        """
+        journal = cls.reopen(path, clock)
+        with journal._closing_on_error():
+            journal.append(SessionResume(identity=identity, reason=reason))
         return journal
 
     @staticmethod

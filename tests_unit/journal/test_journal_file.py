@@ -194,6 +194,18 @@ def test_a_disk_that_takes_no_more_leaves_whole_lines(make_journal: MakeJournal,
     assert Journal.read(path).lines[-1].entry == note
 
 
+def test_an_acknowledgement_does_not_go_on_with_the_session(make_journal: MakeJournal, clock: VirtualClock) -> None:
+    path = make_journal(said.SafeStop(cause="ceiling"), said.SessionEnd(reason="safe stop", verdict="INVALID"))
+    path.write_bytes(path.read_bytes() + b'{"seq":3,"ti')
+    with Journal.reopen(path, clock) as journal:
+        journal.append(said.Acknowledgement(of_seq=1, by="me"))
+    record = Journal.read(path)
+    assert [line.entry.type for line in record.lines[3:]] == ["repair", "acknowledgement"]
+    assert record.end is not None
+    assert record.resumes == []
+    assert record.unacknowledged() == []
+
+
 def test_what_is_no_journal_is_named(tmp_path: Path, clock: VirtualClock) -> None:
     path = tmp_path / "session-0001.jsonl"
     with pytest.raises(DataError, match="cannot read journal: No such file"):

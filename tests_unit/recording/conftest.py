@@ -67,7 +67,7 @@ def make_block() -> Callable[..., AngleBlock]:
     return block
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def blocks(metadata: StepMetadata) -> list[AngleBlock]:
     return [block(dut, angle) for angle in range(3) for dut in metadata.duts]
 
@@ -92,9 +92,16 @@ def make_bag(tmp_path: Path, metadata: StepMetadata, blocks: list[AngleBlock]) -
 @pytest.fixture(scope="session")
 def wide_blocks(metadata: StepMetadata) -> list[AngleBlock]:
     """Blocks large enough that each fills a chunk."""
-    return [block(dut, angle, frames=180) for angle in range(2) for dut in metadata.duts]
+    return [block(dut, angle, frames=130) for dut in metadata.duts for angle in range(2)][:3]
 
 
 @pytest.fixture(scope="session")
 def wide_bag(metadata: StepMetadata, wide_blocks: list[AngleBlock]) -> Callable[[Path], BagReceipt]:
     return lambda path: record(path, metadata, wide_blocks)
+
+
+@pytest.fixture(scope="session")
+def small_bag(metadata: StepMetadata, blocks: list[AngleBlock], tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """Bytes of a bag's file."""
+    receipt = record(tmp_path_factory.mktemp("small") / "step", metadata, blocks[:2])
+    return next(receipt.path.glob("*.mcap")).read_bytes()

@@ -127,16 +127,16 @@ def test_zeros_that_a_blackout_leaves_behind_are_no_messages(whole: Whole, tmp_p
 @given(data=st.data())
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_no_damage_makes_it_fail_otherwise(
-    whole: Whole, tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+    small_bag: bytes, tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
 ) -> None:
     folder = tmp_path_factory.mktemp("bad")
-    damaged = bytearray(whole.data)
+    damaged = bytearray(small_bag)
     for _ in range(data.draw(st.integers(1, 4))):
         damaged[data.draw(st.integers(0, len(damaged) - 1))] = data.draw(st.integers(0, 255))
     (folder / "x.mcap").write_bytes(damaged)
     with contextlib.suppress(DataError):
         report = recover(folder / "x.mcap", folder / "out")
-        assert len(items_of(report.path)) == sum(report.messages.values()) <= len(whole.items)
+        assert len(items_of(report.path)) == sum(report.messages.values())
 
 
 def test_a_recovered_step_gives_the_angles_that_were_finished(
