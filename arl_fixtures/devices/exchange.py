@@ -67,7 +67,7 @@ class ExchangeSettings:
 class Exchange:
     """Asks one device.
 
-    A question takes at most (1 + retries) × `timeout_s`, a quiet time of at most `quiet_s` apart; it is one
+    A question takes at most (1 + retries) × `timeout_s` and, rarely, one wait of `quiet_s`; it is one
     write, one read and some ten microseconds of computing when all is well.
 
     Args:
@@ -100,19 +100,28 @@ class Exchange:
             RemoteProtocolError: bytes came, but no answer to this.
             DeviceLostError: the line is gone, and opening it again did not help.
         """
-        failure: DeviceError = DeviceTimeoutError(
-            f"{self.place}: '{question.what}' was not asked, as an earlier question is still without answer"
-        )
+        failure: DeviceError | None = None
+        quiet = False
         for _ in range(1 + self._settings.retries):
+            if isinstance(failure, DeviceLostError):
+                # a line that comes back needs a moment
+                self._clock.sleep(self._settings.timeout_s)
             try:
-                if not self._make_clean():
-                    continue
+                quiet = self._make_clean(may_be_quiet=not quiet) or quiet
+            except (DeviceTimeoutError, RemoteProtocolError) as error:
+                # the fence failed; what went wrong before it says more
+                failure = failure or error
+                continue
+            except DeviceLostError as error:
+                failure, self._lost = error, True
+                continue
+            try:
                 return self._attempt(question)
             except (DeviceTimeoutError, RemoteProtocolError) as error:
                 failure = error
             except DeviceLostError as error:
                 failure, self._lost = error, True
-        raise failure
+        raise failure or DeviceError(f"{self.place}: '{question.what}' was never asked")
 
     def close(self) -> None:
         """Release the line."""
@@ -151,8 +160,15 @@ class Exchange:
             raise RemoteProtocolError(f"{self.place}: no answer to '{question.what}' in what came: {shown}")
         raise DeviceTimeoutError(f"{self.place}: no answer to '{question.what}' within {settings.timeout_s:g} s")
 
-    def _make_clean(self) -> bool:
-        """Bring the line to a state in which no old answer can be taken for a new one; whether that worked."""
+    def _make_clean(self, *, may_be_quiet: bool) -> bool:
+        """Bring the line to a state in which no old answer can be taken for a new one.
+
+        Args:
+            may_be_quiet: whether to wait for `quiet_s` if there is no fence left; else that is a time-out.
+
+        Returns:
+            Whether it waited.
+        """
         settings = self._settings
         if self._lost or (self._missing and settings.reopening_forgets):
             self._port.reopen()
@@ -160,17 +176,16 @@ class Exchange:
             if settings.reopening_forgets:
                 self._missing.clear()
         if not self._missing:
-            return True
+            return False
         fence = next((fence for fence in self._fences() if fence.kind not in self._missing), None)
-        if fence is None:
+        if fence is not None:
+            self._attempt(fence)
+        elif may_be_quiet:
             self._clock.sleep(self._last_s + settings.quiet_s - self._clock.now_s)
         else:
-            try:
-                self._attempt(fence)
-            except (DeviceTimeoutError, RemoteProtocolError):
-                return False
+            raise DeviceTimeoutError(f"{self.place}: answers are missing, and any to come could be one of them")
         self._missing.clear()
-        return True
+        return fence is None
 
 
 def _no_fences() -> Iterator[Question[object]]:
