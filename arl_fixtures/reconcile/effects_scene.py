@@ -31,7 +31,9 @@ IntArray = NDArray[np.int64]
 _SAMPLE = 30_000
 _DEGREE = 4
 _FINEST_DEG = 0.05
-_CELLS = 2_000_000
+_CELLS = 4_000_000
+_BLOCKS = (4, 6, 8, 12, 16, 24, 32, 48, 64)
+_CLOSE_DEG = 0.1
 _GOOD_REST = 0.05
 
 
@@ -193,6 +195,7 @@ def _make_scene(view: View) -> Scene | None:
     az, el = _ray(view, "azimuth_deg"), _ray(view, "elevation_deg")
     stage = np.nan_to_num(table.numbers["stage_angle_deg"]) if moving else np.zeros(table.n)
     line = table.group("dut", "pixel_v") if rays else table.group("dut", "pixel_u", "pixel_v")
+    device = _first_of(line, table.group("dut"))
     flat = {name: _flattened(view, name, el) for name in (*signals(view), *distances(view))}
     sign = 1.0
     if moving and rays and flat:
@@ -201,12 +204,18 @@ def _make_scene(view: View) -> Scene | None:
             sign = -1.0
     bearing = az + sign * stage
     bearing = bearing - bearing.min()
+    if moving and rays and "pixel_u" in table.numbers:
+        row = line
+        line = _blocks(row, table.numbers["pixel_u"], bearing)
+        device = device[_first_of(line, row)]
     lines = int(line.max()) + 1
     step = max(_FINEST_DEG, float(bearing.max()) * lines / _CELLS)
     height = np.bincount(line, el, lines) / np.maximum(np.bincount(line, minlength=lines), 1)
-    device = np.zeros(lines, dtype=np.int64)
-    device[line] = table.group("dut")
-    above, below, pitch = _stacked(height, device)
+    across = np.bincount(line, az, lines) / np.maximum(np.bincount(line, minlength=lines), 1)
+    above, below, pitch = _stacked(height, across, device)
+    weight = next((flat[name] for name in signals(view)), None)
+    if weight is not None:  # light and light-weighted range are straight lines across an edge, the range is not
+        flat |= {name: flat[name] * weight for name in distances(view)}
     curves = {name: _curves(line, bearing / step, values, lines) for name, values in flat.items()}
     return Scene(bearing, line, above, below, pitch, step, sign, curves)
 
@@ -232,9 +241,41 @@ def _roughness(line: IntArray, bearing: FloatArray, values: FloatArray) -> float
     return float(np.mean(steps)) if steps.size else 0.0
 
 
-def _stacked(height: FloatArray, device: IntArray) -> tuple[IntArray, IntArray, float]:
-    order = np.lexsort((height, device))
-    same = device[order][1:] == device[order][:-1]
+def _first_of(code: IntArray, values: IntArray) -> IntArray:
+    """One value for every code 0…k−1."""
+    found = np.zeros(int(code.max()) + 1, dtype=np.int64)
+    found[code] = values
+    return found
+
+
+def _blocks(row: IntArray, column: FloatArray, bearing: FloatArray) -> IntArray:
+    """Image rows cut into blocks of neighbouring columns, as narrow as a close sampling of the bearing allows.
+
+    Pixels at the edge of the field are not as wide as those in the middle; within a block they are alike.
+    """
+    start = float(np.nanmin(column))
+    wide = float(np.nanmax(column)) - start + 1.0
+    sample = np.flatnonzero(row == np.bincount(row).argmax())
+    for width in _BLOCKS:
+        if width >= wide:
+            break
+        block = ((column[sample] - start) // width).astype(np.int64)
+        order = np.lexsort((bearing[sample], block))
+        same = np.diff(block[order]) == 0
+        gaps = np.diff(bearing[sample][order])[same]
+        gaps = gaps[gaps > 1e-6]
+        if gaps.size and float(np.quantile(gaps, 0.9)) < _CLOSE_DEG:
+            block = np.nan_to_num((column - start) // width).astype(np.int64)
+            code: IntArray = np.unique(row * (int(wide / width) + 2) + block, return_inverse=True)[1].astype(np.int64)
+            return code
+    return row
+
+
+def _stacked(height: FloatArray, across: FloatArray, device: IntArray) -> tuple[IntArray, IntArray, float]:
+    """Lines next above and below each line of one device (within the same block of columns), and their distance."""
+    place = np.round(across).astype(np.int64)
+    order = np.lexsort((height, place, device))
+    same = (device[order][1:] == device[order][:-1]) & (place[order][1:] == place[order][:-1])
     above = np.full(height.size, -1, dtype=np.int64)
     below = np.full(height.size, -1, dtype=np.int64)
     above[order[:-1][same]] = order[1:][same]
@@ -281,17 +322,20 @@ def _look(found: Scene, line: IntArray, bearing: FloatArray) -> dict[str, FloatA
 def _at(found: Scene, view: View, turn: FloatArray | float, lift: FloatArray | float) -> dict[str, FloatArray]:
     """Flattened channels at the rows' bearing + turn and elevation + lift (degrees)."""
     line, bearing = per_view(view, "scene place", lambda: (found.line[view.rows], found.bearing[view.rows]))
-    own = _look(found, line, bearing + turn)
-    if found.pitch_deg == 0.0 or not np.any(lift):
-        return own
-    rows = np.broadcast_to(np.asarray(lift) / found.pitch_deg, bearing.shape)
-    other = np.where(rows > 0.0, found.above[line], found.below[line])
-    beyond = _look(found, np.where(other < 0, line, other), bearing + turn)
-    share = np.minimum(np.abs(rows), 2.0)
-    for name, values in own.items():
-        mixed = values + share * (beyond[name] - values)
-        own[name] = np.where(np.isfinite(mixed), mixed, values)
-    return own
+    seen = _look(found, line, bearing + turn)
+    if found.pitch_deg > 0.0 and np.any(lift):
+        rows = np.broadcast_to(np.asarray(lift) / found.pitch_deg, bearing.shape)
+        other = np.where(rows > 0.0, found.above[line], found.below[line])
+        beyond = _look(found, np.where(other < 0, line, other), bearing + turn)
+        share = np.minimum(np.abs(rows), 2.0)
+        for name, values in seen.items():
+            mixed = values + share * (beyond[name] - values)
+            seen[name] = np.where(np.isfinite(mixed), mixed, values)
+    light = next((seen[name] for name in signals(view) if name in seen), None)
+    if light is not None:
+        with np.errstate(invalid="ignore", divide="ignore"):
+            seen |= {name: seen[name] / light for name in distances(view) if name in seen}
+    return seen
 
 
 def _here(found: Scene, view: View) -> dict[str, FloatArray]:

@@ -62,7 +62,8 @@ class Eccentricity(Effect):
         range_ = np.where(np.isfinite(state[name]) & (state[name] > 0.0), state[name], np.nan)
         near = (forward * cosine + right * sine) * level
         with np.errstate(invalid="ignore"):
-            turn = np.nan_to_num(np.degrees((right * cosine - forward * sine) / np.maximum(range_ * level, 1e-9)))
+            edge = per_view(view, ("nearest", name), lambda: _nearest(view, name)) * level
+            turn = np.nan_to_num(np.degrees((right * cosine - forward * sine) / np.maximum(edge, 1e-9)))
             closer = np.nan_to_num(np.clip(near / range_, -0.5, 0.5))
         point_elsewhere(view, state, turn=np.clip(turn, -5.0, 5.0))
         for distance in distances(view):
@@ -104,3 +105,14 @@ def _direction(view: View, variant: Variant) -> tuple[FloatArray, FloatArray]:
     if variant.options["frame"] == "bench" and found is not None:
         angle = angle + found.sign * np.nan_to_num(view.number("stage_angle_deg"))
     return np.cos(np.radians(angle)), np.sin(np.radians(angle))
+
+
+def _nearest(view: View, distance: str) -> FloatArray:
+    """Shortest simulated distance among a row and its neighbours: an edge's parallax is that of the nearer "
+    "surface."""
+    nearest = view.number(f"sim_{distance}")
+    for steps in (-1, 1):
+        nearest = np.fmin(nearest, view.take_number(f"sim_{distance}", view.sweep_place(steps)))
+        if view.varies("pixel_u"):
+            nearest = np.fmin(nearest, view.neighbour_number(f"sim_{distance}", du=steps, dv=0))
+    return nearest

@@ -17,8 +17,8 @@ class ContactResistance(Effect):
     """A node whose resistance to the plate is (1 + excess) times the simulated one.
 
     Simulated: τ dT/dt = T_plate + R·P − T. With more resistance: (1 + excess)·τ dT/dt = T_plate + (1 + excess)·R·P
-    − T. The heat R·P = T + τ dT/dt − T_plate is read off the simulation itself. Settled, ΔT to the plate grows by `excess`
-    in proportion to the heat that flows; on a ramp the node follows later.
+    − T. The heat R·P = T + τ dT/dt − T_plate is read off the simulation itself. Settled, ΔT to the plate grows by
+    `excess` in proportion to the heat that flows; on a ramp the node follows later.
     """
 
     id = "thermal.contact_resistance"
