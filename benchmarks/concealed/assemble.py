@@ -13,6 +13,8 @@ from benchmarks.concealed.case import (
 )
 from benchmarks.concealed.effect import Effect
 from benchmarks.concealed.flash import Expected
+from benchmarks.concealed.lookalikes import lookalikes
+from benchmarks.concealed.recipe import Recipe
 from benchmarks.concealed.sensor import Sensor
 
 
@@ -91,9 +93,17 @@ def _columns(sensor: Sensor, sim: Expected, conceal: Concealment) -> dict[str, n
 
 
 def build(
-    rng: np.random.Generator, sensor: Sensor, effects: list[Effect], wanted: list[float], conceal: Concealment
+    rng: np.random.Generator,
+    sensor: Sensor,
+    effects: list[Effect],
+    wanted: list[float],
+    conceal: Concealment,
+    rivals: tuple[Recipe, ...] = (),
 ) -> Case:
-    """A case with `effects` at the visibilities `wanted` (none for a null case)."""
+    """A case with `effects` at the visibilities `wanted` (none for a null case).
+
+    `rivals` are the recipes among which the oracle looks for what this table cannot tell from each effect.
+    """
     kind, held = held_mask(rng, sensor, effects)
     seen = ~held & (rng.random(held.size) >= conceal.holes)
     drawn, told = [], []
@@ -101,6 +111,8 @@ def build(
         amount, _ = reach(sensor, effect, goal, conceal, seen)
         drawn.append((effect, amount))
         told.append(describe(sensor, effect, amount, conceal, seen))
+        alike = lookalikes(np.random.default_rng(17), sensor, effect, amount, conceal, seen, rivals)
+        told[-1]["equivalents"] = sorted({*told[-1]["equivalents"], *alike})
     nominal = sensor.answer([])
     truth = sensor.answer(drawn)
     sim = calibrated(sensor, nominal, truth, conceal.calibration, seen)

@@ -51,7 +51,8 @@ def shared_scale(sensor: Sensor, sim: Expected, conceal: Concealment) -> dict[st
     return scale
 
 
-def _nuisance(sensor: Sensor, channel: str, sim: np.ndarray) -> np.ndarray | None:
+def nuisance_of(sensor: Sensor, channel: str, sim: np.ndarray) -> np.ndarray | None:
+    """What a user would calibrate away in a channel, as columns (N, 1): gain or offset; None where neither."""
     if channel in sensor.plain:
         return None
     return (sim if channel in sensor.gain_nuisance else np.ones(sim.size))[:, None]
@@ -111,7 +112,7 @@ def visibility_by_channel(
             continue
         shift = np.where(seen, truth.mean[channel] - adjusted.mean[channel], np.nan)
         sigma = np.where(seen, sim.std[channel] / np.sqrt(sensor.n_frames), np.nan)
-        nuisance = _nuisance(sensor, channel, sim.mean[channel])
+        nuisance = nuisance_of(sensor, channel, sim.mean[channel])
         found[channel] = mean_information(shift, sigma, scale[channel], sensor.group, nuisance)
         if conceal.with_std:
             found[channel] += scatter_information(std[seen], sim.std[channel][seen], frames[seen] - 1.0)

@@ -30,16 +30,24 @@ def whiten(residual: np.ndarray, sigma: np.ndarray, shared: np.ndarray | None, g
     return out[:, 0] if z.ndim == 1 else out
 
 
+def projected(
+    shift: np.ndarray, sigma: np.ndarray, shared: np.ndarray | None, group: np.ndarray, nuisance: np.ndarray | None
+) -> np.ndarray:
+    """A shift of the mean, whitened, without what the nuisance columns (N, K) can take up."""
+    w = whiten(shift, sigma, shared, group)
+    if nuisance is not None and nuisance.size:
+        basis, _ = np.linalg.qr(whiten(nuisance, sigma, shared, group))
+        w = w - basis @ (basis.T @ w)
+    return w
+
+
 def mean_information(
     shift: np.ndarray, sigma: np.ndarray, shared: np.ndarray | None, group: np.ndarray, nuisance: np.ndarray | None
 ) -> float:
-    """λ² of a shift of the mean: whitened energy that the nuisance columns (N, K) cannot take up."""
+    """λ² of a shift of the mean: whitened energy that the nuisance columns cannot take up."""
     seen = np.isfinite(shift) & np.isfinite(sigma)
-    cut = None if shared is None else shared[seen]
-    w = whiten(shift[seen], sigma[seen], cut, group[seen])
-    if nuisance is not None and nuisance.size:
-        basis, _ = np.linalg.qr(whiten(nuisance[seen], sigma[seen], cut, group[seen]))
-        w = w - basis @ (basis.T @ w)
+    left = None if nuisance is None else nuisance[seen]
+    w = projected(shift[seen], sigma[seen], None if shared is None else shared[seen], group[seen], left)
     return float(w @ w)
 
 
