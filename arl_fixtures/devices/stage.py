@@ -94,6 +94,7 @@ class TmclStage:
             DeviceError: the module refused a parameter, the axis stalled, or a limit switch is stuck.
         """
         self._homed, self._flags, self._target_steps = False, 0, None
+        self.stop()
         self._configure()
         self._module.do(Command.REFERENCE_SEARCH, SearchType.START)
         deadline_s = self._clock.now_s + timeout_s
@@ -106,11 +107,9 @@ class TmclStage:
         trouble = self.fault()
         if trouble:
             raise DeviceError(f"{self._module.place}: reference search failed: {trouble}")
-        steps = self._module.axis(Axis.ACTUAL)
+        steps = self._align_encoder()
         if abs(steps) > self._settings.reference_window_deg * self._settings.steps_per_deg:
             raise DeviceError(f"{self._module.place}: reference search ended {steps} microsteps away from its zero")
-        if self._settings.encoder:
-            self._module.set_axis(Axis.ENCODER, round(steps * self._settings.encoder_counts_per_microstep))
         self._module.set_user(self._settings.marker_variable, _HOMED_MARKER)
         self._homed, self._start_steps = True, steps
         low, high = self.limits_deg
@@ -273,7 +272,16 @@ class TmclStage:
             parameters[Axis.MAX_ENCODER_DEVIATION] = round(deviation)
         for parameter, value in parameters.items():
             self._module.set_axis(parameter, value)
+        # steps lost before would stop the search at once
+        self._align_encoder()
         self._module.axis(Axis.ERROR_FLAGS)
+
+    def _align_encoder(self) -> int:
+        """Let the encoder agree with the counter; returns the counter."""
+        steps = self._module.axis(Axis.ACTUAL)
+        if self._settings.encoder:
+            self._module.set_axis(Axis.ENCODER, round(steps * self._settings.encoder_counts_per_microstep))
+        return steps
 
 
 def _duration_s(way_deg: float, speed_deg_s: float, acceleration_deg_s2: float) -> float:

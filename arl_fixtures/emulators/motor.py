@@ -208,7 +208,7 @@ class EmulatedMotor:
         """Start to move to a position."""
         self._target, self._run_direction, self._searching = target, 0, False
         speed = self._parameters[Axis.MAX_SPEED] / self._steps_per_deg
-        self._take(self._axis.drive(now_s, target / self._steps_per_deg, speed))
+        self._take(self._axis.drive(now_s, target / self._steps_per_deg, speed), now_s)
 
     def rotate(self, speed: int, now_s: float) -> None:
         """Turn at a signed speed, right positive, until stopped."""
@@ -217,17 +217,20 @@ class EmulatedMotor:
             self.stop(now_s)
             return
         self._run_direction = 1 if speed > 0 else -1
-        self._take(self._axis.run(now_s, self._run_direction, abs(speed) / self._steps_per_deg))
+        self._take(self._axis.run(now_s, self._run_direction, abs(speed) / self._steps_per_deg), now_s)
 
     def stop(self, now_s: float) -> None:
         """Brake; ends a reference search, too."""
         self._searching, self._run_direction = False, 0
-        self._take(self._axis.brake(now_s))
+        self._take(self._axis.brake(now_s), now_s)
 
-    def _take(self, leg: Leg) -> None:
+    def _take(self, leg: Leg, now_s: float) -> None:
         self._leg = leg
         if leg.outcome is Outcome.DEVIATION:
             self._flag_since_s = leg.end_s
+        elif self._flag_since_s > now_s:
+            # it would have been raised by the motion that this one replaces
+            self._flag_since_s = math.inf
 
     # -- reference search
 
@@ -264,7 +267,7 @@ class EmulatedMotor:
                 run = axis.run if direction < 0 else self._release
                 leg = run(leg.end_s, direction, speed)
             found = leg.outcome is Outcome.LIMIT
-        self._take(leg)
+        self._take(leg, now_s)
         if found:
             self._search_end_s = leg.end_s
             self._parameters[Axis.LAST_REFERENCE] = round(axis.counter_deg(leg.end_s) * per_deg)
@@ -300,10 +303,10 @@ class EmulatedMotor:
         if self.is_searching(now_s):
             speed = self._axis.speed_deg_s(now_s)
             leg = self._axis.run(now_s, 1 if speed > 0 else -1, max(abs(speed), 1e-3))
-            self._take(leg)
+            self._take(leg, now_s)
             # whatever it meets now is not the reference
             self._search_end_s = leg.end_s if leg.outcome is Outcome.DEVIATION else math.inf
         elif self._run_direction:
-            self._take(self._axis.run(now_s, self._run_direction, abs(self._axis.speed_deg_s(now_s))))
+            self._take(self._axis.run(now_s, self._run_direction, abs(self._axis.speed_deg_s(now_s))), now_s)
         else:
             self.move(self._target, now_s)

@@ -116,6 +116,22 @@ def test_missed_steps_are_seen_by_the_encoder():
     assert bench.plant.stage_angle_deg(bench.clock.now_s) == pytest.approx(-60.3, abs=1e-3)
 
 
+def test_homing_again_recovers_lost_steps_of_any_size():
+    bench = homed()
+    bench.inject("stage", "stage_stall", duration_s=3.0)
+    bench.stage.move_to_deg(0.0)
+    with pytest.raises(DeviceError, match="stalled"):
+        bench.stage.wait_until_reached(30.0)
+    bench.clock.sleep(3.0)
+    bench.stage.move_to_deg(-40.0)
+    with pytest.raises(DeviceError):
+        bench.stage.wait_until_reached(30.0)
+    bench.stage.home(60.0)
+    bench.stage.move_to_deg(-40.0)
+    bench.stage.wait_until_reached(30.0)
+    assert bench.plant.stage_angle_deg(bench.clock.now_s) == pytest.approx(-40.0, abs=1e-3)
+
+
 def test_without_encoder_missed_steps_go_unseen_until_the_next_homing():
     bench = homed(stage={"encoder": False})
     bench.inject("stage", "missed_steps", value=0.3)

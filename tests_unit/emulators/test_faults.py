@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -101,3 +102,10 @@ def test_every_beginning_has_at_most_one_end_and_time_is_ordered(schedule: list[
     assert sum(edge.begins for edge in edges) == len(schedule)
     assert sum(not edge.begins for edge in edges) == sum(math.isfinite(fault.duration_s) for fault in schedule)
     assert len(book.faults) == sum(math.isinf(fault.duration_s) for fault in schedule)
+
+
+def test_the_documentation_lists_every_kind_as_it_is():
+    page = (Path(__file__).parents[2] / "docs" / "faults.md").read_text(encoding="utf-8")
+    for kind, info in FAULT_KINDS.items():
+        value = f"{info.value} ({info.default:g})" if info.value else ""
+        assert f"| `{kind.value}` | {', '.join(sorted(info.devices))} | {info.effect} | {value} |" in page
