@@ -43,8 +43,8 @@ def inside(folder: Path, name: str) -> Path:
 
 
 def bag_name(step_id: str, attempt: int) -> str:
-    """Folder of one attempt at one step: `c0003-07-up+25C` for the first, `c0003-07-up+25C.a2` for the second."""
-    return safe_file_name(step_id if attempt == 1 else f"{step_id}.a{attempt}")
+    """Folder of one attempt: `c0003-07-up+25C` for the first, `c0003-07-up+25C-attempt2` for the second."""
+    return safe_file_name(step_id if attempt == 1 else f"{step_id}-attempt{attempt}")
 
 
 def topic_tokens(serials: Sequence[str]) -> dict[str, str]:

@@ -46,4 +46,4 @@ def test_two_duts_of_one_serial_are_refused() -> None:
 
 def test_attempts_have_their_own_folders() -> None:
     assert bag_name("c0003-07-up+25C", 1) == "c0003-07-up+25C"
-    assert bag_name("c0003-07-up+25C", 2) == "c0003-07-up+25C.a2"
+    assert bag_name("c0003-07-up+25C", 2) == "c0003-07-up+25C-attempt2"
