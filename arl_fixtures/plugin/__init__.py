@@ -14,6 +14,7 @@ from arl_fixtures.bench.profile import load_profile
 from arl_fixtures.errors import ArlError
 from arl_fixtures.plugin import fixtures
 from arl_fixtures.plugin.allure_output import write_environment
+from arl_fixtures.plugin.campaign import session_cycles
 from arl_fixtures.plugin.options import add_options, allure_folder, read_options
 from arl_fixtures.plugin.outcome import StepFailedError
 from arl_fixtures.plugin.setup import SESSION_KEY, check_files, step_timeout_s
@@ -45,17 +46,22 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     options = read_options(metafunc.config)
     try:
         profile = load_profile(options.profile)
+        # collected but not selected, the steps must not depend on what lies in the output folder
+        cycles = session_cycles(options) if _runs_cycles(metafunc.config) else (0,)
     except ArlError as error:
         raise pytest.UsageError(str(error)) from None
-    cycles = range(options.first_cycle, options.first_cycle + options.cycles)
     steps = [step for cycle in cycles for step in profile.steps(cycle)]
     metafunc.parametrize("cycle_step", steps, ids=[step.id for step in steps], scope="session")
+
+
+def _runs_cycles(config: pytest.Config) -> bool:
+    return bool(config.option.markexpr) and "not cycle" not in config.option.markexpr
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Give every step a limit on the wall clock, so that a hanging bench ends the step."""
     cycle_items = [item for item in items if item.get_closest_marker("cycle")]
-    if cycle_items and config.option.markexpr and "not cycle" not in config.option.markexpr:
+    if cycle_items and _runs_cycles(config):
         try:
             files = check_files(read_options(config), allure_folder(config))
         except ArlError as error:

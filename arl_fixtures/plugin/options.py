@@ -17,7 +17,7 @@ class Options:
     limits: Path
     out: Path
     cycles: int
-    first_cycle: int
+    first_cycle: int | None
     resume: bool
 
 
@@ -29,7 +29,7 @@ def add_options(parser: pytest.Parser) -> None:
     group.addoption("--limits", metavar="FILE", help="limits file")
     group.addoption("--out", metavar="FOLDER", help="where bags, journal and reports go")
     group.addoption("--cycles", type=int, metavar="N", help="number of cycles to run (default 1)")
-    group.addoption("--first-cycle", type=int, metavar="N", help="cycle count of the first cycle (default 0)")
+    group.addoption("--first-cycle", type=int, metavar="N", help="cycle count of the first cycle (default: next)")
     group.addoption("--resume", action="store_true", help="go on where the newest journal in the output folder ended")
     parser.addini("arl_bench", "default of --bench", default="emulated")
     parser.addini("arl_profile", "default of --profile", default="short")
@@ -47,21 +47,19 @@ def read_options(config: pytest.Config) -> Options:
     def text(name: str) -> str:
         return str(config.getoption(f"--{name}") or config.getini(f"arl_{name}"))
 
-    def count(name: str, default: int, least: int) -> int:
+    def count(name: str, least: int) -> int | None:
         value = config.getoption(name)
-        if value is None:
-            return default
-        if value < least:
+        if value is not None and value < least:
             raise pytest.UsageError(f"{name} {value}: expected at least {least}")
-        return int(value)
+        return None if value is None else int(value)
 
     return Options(
         bench=_here(config, text("bench")),
         profile=_here(config, text("profile")),
         limits=config.rootpath / text("limits"),
         out=config.rootpath / text("out"),
-        cycles=count("--cycles", 1, 1),
-        first_cycle=count("--first-cycle", 0, 0),
+        cycles=count("--cycles", 1) or 1,
+        first_cycle=count("--first-cycle", 0),
         resume=bool(config.getoption("--resume")),
     )
 
