@@ -400,7 +400,7 @@ RECIPES = (
     ),
     Recipe("optics.window_contamination", lambda r: full_frame(r, stride=2, steps=3), _contamination),
     Recipe("optics.veiling_glare", lambda r: sparse(r, angles=15, steps=8), _glare),
-    Recipe("optics.ghost", lambda r: full_frame(r, steps=1, angles=5, stride=1), _ghost),
+    Recipe("optics.ghost", lambda r: full_frame(r, steps=1, angles=3, stride=1), _ghost),
     Recipe("optics.focal_drift", lambda r: smooth(fine_sweep(r, steps=8, pixels=30), r), _focal_drift),
     Recipe("optics.defocus", lambda r: smooth(dense_rows(r, rows=3, steps=5, angles=7), r), _defocus),
 )

@@ -17,7 +17,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from benchmarks.concealed.case import Case
-from benchmarks.concealed.plan import Order, make, orders
+from benchmarks.concealed.plan import RIVALS, Order, make, orders
+from benchmarks.concealed.recipe import Recipe
 
 
 def write_table(path: Path, columns: dict[str, np.ndarray]) -> None:
@@ -38,12 +39,14 @@ def write_case(folder: Path, name: str, case: Case) -> dict[str, Any]:
     return {"name": name, **case.truth}
 
 
-def write_batch(folder: Path, seed: int, batch: list[Order], *, quiet: bool = False) -> str:
+def write_batch(
+    folder: Path, seed: int, batch: list[Order], *, quiet: bool = False, rivals: tuple[Recipe, ...] = RIVALS
+) -> str:
     """Write all cases of a batch and seal the answers; returns the truth file's sha256."""
     truths = []
     for k, order in enumerate(batch):
         rng = np.random.default_rng([seed, k])
-        truth = write_case(folder, f"c{k:03d}", make(rng, order))
+        truth = write_case(folder, f"c{k:03d}", make(rng, order, rivals))
         truths.append(truth)
         if quiet:
             continue

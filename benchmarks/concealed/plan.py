@@ -135,7 +135,7 @@ def _null(rng: np.random.Generator) -> Case:
     return build(rng, sensor, [], [], conceal(rng, sensor, []))
 
 
-def _try(rng: np.random.Generator, order: Order) -> Case:
+def _try(rng: np.random.Generator, order: Order, rivals: tuple[Recipe, ...]) -> Case:
     first = order.recipes[0]
     design = first.design(rng)
     sensor = SENSORS[first.sensor](rng, design)
@@ -145,16 +145,16 @@ def _try(rng: np.random.Generator, order: Order) -> Case:
         wanted = [10.0 * weak, weak]
     else:
         wanted = [float(np.exp(rng.uniform(*np.log(BANDS[b])))) for b in order.bands]
-    return build(rng, sensor, effects, wanted, conceal(rng, sensor, effects), RIVALS)
+    return build(rng, sensor, effects, wanted, conceal(rng, sensor, effects), rivals)
 
 
-def make(rng: np.random.Generator, order: Order) -> Case:
+def make(rng: np.random.Generator, order: Order, rivals: tuple[Recipe, ...] = RIVALS) -> Case:
     """Draw one case; what cannot be brought to its band in a design is drawn again in another."""
     if order.kind == "null":
         case = _null(rng)
     else:
         for _ in range(6):
-            case = _try(rng, order)
+            case = _try(rng, order, rivals)
             if all(_hit(told, band) for told, band in zip(case.truth["effects"], order.bands, strict=True)):
                 break
     case.truth["kind"] = order.kind

@@ -8,6 +8,7 @@ from benchmarks.concealed.case import Concealment, band_of, visibility
 from benchmarks.concealed.designs import sparse
 from benchmarks.concealed.generate import write_batch
 from benchmarks.concealed.likelihood import mean_information, whiten
+from benchmarks.concealed.lookalikes import lookalikes
 from benchmarks.concealed.plan import BANDS, LIBRARY, SENSORS, UNKNOWN, Order, make, stated
 from benchmarks.concealed.run_tool import Answer, channels_of
 from benchmarks.concealed.score import overlap, score
@@ -63,7 +64,7 @@ def test_oracle_visibility_reaches_the_band_that_was_ordered():
     reached = []
     for k, band in enumerate(BANDS):
         recipe = next(r for r in LIBRARY if r.effect == "timing.row_skew")
-        case = make(np.random.default_rng(20 + k), Order("single", (recipe,), (band,)))
+        case = make(np.random.default_rng(20 + k), Order("single", (recipe,), (band,)), ())
         reached.append(band_of(case.truth["effects"][0]["lambda"]) == band)
     assert all(reached)
 
@@ -91,19 +92,19 @@ def test_visibility_is_the_likelihood_ratio_of_the_data():
 def test_held_out_conditions_are_unseen():
     for seed in range(6):
         recipe = next(r for r in LIBRARY if r.effect == "timing.range_walk" and r.sensor == "flash")
-        case = make(np.random.default_rng(seed), Order("single", (recipe,), ("moderate",)))
+        case = make(np.random.default_rng(seed), Order("single", (recipe,), ("moderate",)), ())
         column = {"steps": "step", "angles": "stage_angle_deg", "dut": "dut", "cycle": "cycle"}[case.truth["heldout"]]
         assert not set(case.heldout[column]) & set(case.table[column])
 
 
 def test_tables_keep_the_contract_and_names_betray_nothing(tmp_path):
     orders = [Order("single", (LIBRARY[0],), ("strong",)), Order("unknown", (UNKNOWN[0],), ("moderate",))]
-    first = write_batch(tmp_path / "a", 3, [*orders, Order("null", (), ())], quiet=True)
-    again = write_batch(tmp_path / "b", 3, [*orders, Order("null", (), ())], quiet=True)
+    first = write_batch(tmp_path / "a", 3, [*orders, Order("null", (), ())], quiet=True, rivals=())
+    again = write_batch(tmp_path / "b", 3, [*orders, Order("null", (), ())], quiet=True, rivals=())
     assert first == again
     truths = json.loads((tmp_path / "a" / "truth.json").read_text())["cases"]
     assert [t["name"] for t in truths] == ["c000", "c001", "c002"]
-    case = make(np.random.default_rng(1), orders[0])
+    case = make(np.random.default_rng(1), orders[0], ())
     for channel in channels_of(list(case.table)):
         assert f"sim_{channel}_std" in case.table
     assert not any("true_" in n and n != "true_range_m" for n in case.table)
@@ -132,7 +133,7 @@ def _diagnosis(effect, **more):
 
 def test_scores_tell_right_class_and_wrong_apart(tmp_path):
     recipe = next(r for r in LIBRARY if r.effect == "timing.row_skew")
-    write_batch(tmp_path, 8, [Order("single", (recipe,), ("strong",))], quiet=True)
+    write_batch(tmp_path, 8, [Order("single", (recipe,), ("strong",))], quiet=True, rivals=())
     truth = json.loads((tmp_path / "truth.json").read_text())["cases"][0]
     import pyarrow.parquet as pq
 
@@ -158,3 +159,20 @@ def test_regions_are_compared_in_rows():
     assert overlap({"pixel_u": [0, 4]}, {"surface": ["a"]}, columns) == 1.0
     assert overlap({"pixel_u": [0, 9]}, {"surface": ["a"]}, columns) == 0.5
     assert overlap({"surface": ["b"]}, {"surface": ["a"]}, columns) == 0.0
+
+
+def test_the_oracle_finds_the_look_alike_of_a_coupled_temperature_and_no_other():
+    rng = np.random.default_rng(3)
+    design = sparse(rng, duts=1, steps=12, pixels=10, angles=5, laser_program_k=0.0)
+    sensor = flash(rng, design)
+    gain = next(r for r in LIBRARY if r.effect == "detector.gain_temperature" and r.sensor == "flash")
+    rivals = tuple(
+        r
+        for r in LIBRARY
+        if r.sensor == "flash"
+        and r.effect in ("laser.thermal_rolloff", "timing.row_skew", "target.reflectance_error")
+    )
+    seen = np.ones(sensor.n_frames.size, dtype=bool)
+    # laser and detector temperature are one straight line of the other in this design
+    alike = lookalikes(rng, sensor, gain.make(rng, sensor.rows, design), 3e-4, Concealment(), seen, rivals)
+    assert alike == ["laser.thermal_rolloff"]
