@@ -96,7 +96,7 @@ FAULT_KINDS: Final[Mapping[FaultKind, KindInfo]] = MappingProxyType(
         ),
         FaultKind.STUCK_VALUE: KindInfo(
             devices=frozenset({"thermometer", "chiller"}),
-            effect="Reports for ever what it measured when the fault began (`channel`, or all; chiller: bath).",
+            effect="Keeps reporting what it measured when the fault began (`channel`, or all; chiller: bath).",
         ),
         FaultKind.DRIFT: KindInfo(
             devices=frozenset({"thermometer", "chiller"}),

@@ -124,6 +124,7 @@ class FaultBook:
         self._order = itertools.count()
         self._live: dict[int, Fault] = {}
         self._begun: set[int] = set()
+        self._cleared: set[int] = set()
         self._edges: list[tuple[float, int, bool]] = []
         for fault in faults:
             self.inject(fault)
@@ -131,7 +132,7 @@ class FaultBook:
     @property
     def faults(self) -> tuple[Fault, ...]:
         """Every fault that is not over, in the order they were injected."""
-        return tuple(self._live.values())
+        return tuple(fault for key, fault in self._live.items() if key not in self._cleared)
 
     @property
     def next_edge_s(self) -> float:
@@ -145,7 +146,7 @@ class FaultBook:
         heapq.heappush(self._edges, (fault.start_s, key, True))
 
     def clear(self, device: str | None = None, kind: FaultKind | None = None) -> int:
-        """End faults at the plant's next advance, and forget those to come.
+        """End faults, and forget those to come. What they did to a device ends when the plant is next advanced.
 
         Args:
             device: only those of this device.
@@ -157,10 +158,13 @@ class FaultBook:
         concerned = [
             key
             for key, fault in self._live.items()
-            if (device is None or fault.device == device) and (kind is None or fault.kind is kind)
+            if key not in self._cleared
+            and (device is None or fault.device == device)
+            and (kind is None or fault.kind is kind)
         ]
         for key in concerned:
             if key in self._begun:
+                self._cleared.add(key)
                 heapq.heappush(self._edges, (-math.inf, key, False))
             else:
                 del self._live[key]
@@ -171,8 +175,14 @@ class FaultBook:
         if not self._live:
             return None
         found = None
-        for fault in self._live.values():
-            if fault.kind is kind and fault.start_s <= now_s < fault.end_s and fault.concerns(device):
+        # a copy: tests inject while a server's thread looks
+        for key, fault in tuple(self._live.items()):
+            if (
+                key not in self._cleared
+                and fault.kind is kind
+                and fault.start_s <= now_s < fault.end_s
+                and fault.concerns(device)
+            ):
                 found = fault
         return found
 
@@ -190,5 +200,6 @@ class FaultBook:
             else:
                 del self._live[key]
                 self._begun.discard(key)
+                self._cleared.discard(key)
             return FaultEdge(time_s, fault, begins)
         return None

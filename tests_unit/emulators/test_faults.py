@@ -76,6 +76,9 @@ def test_clearing_ends_what_began_and_forgets_what_did_not():
     assert edge.begins
     assert book.clear("chiller") == 0
     assert book.clear("stage") == 2
+    assert book.faults == ()
+    assert book.active("stage", FaultKind.STAGE_STALL, 5.0) is None, "at once, though the device hears of it later"
+    assert book.clear() == 0
     edge = book.take_edge(5.0)
     assert edge is not None
     assert not edge.begins
