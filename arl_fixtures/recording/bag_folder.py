@@ -46,6 +46,11 @@ class BagReceipt:
     size_bytes: int
     message_count: int
 
+    def __str__(self) -> str:
+        return (
+            f"{self.path}: {self.message_count} messages, {self.size_bytes / 1e6:.1f} MB, SHA-256 {self.sha256[:12]}…"
+        )
+
 
 @final
 class BagFolder:

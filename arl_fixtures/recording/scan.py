@@ -172,10 +172,10 @@ class McapScan:
             at = _CHUNK.size + name_length
             compression = bytes(body[_CHUNK.size : at]).decode()
             packed = memoryview(body)[at + 8 :]
-            if cut:
-                return _unpack_start(packed, compression)
             if size > _MAX_CHUNK_BYTES:
                 raise ValueError(f"chunk of {size} bytes")
+            if cut:
+                return _unpack_start(packed, compression, size)
             plain = _UNPACK[compression](packed, size)
             if len(plain) != size or (crc and zlib.crc32(plain) != crc):
                 raise ValueError("checksum")
@@ -194,9 +194,11 @@ _UNPACK: Final[Mapping[str, Callable[[memoryview, int], bytes]]] = {
 }
 
 
-def _unpack_start(packed: memoryview, compression: str) -> bytes:
+def _unpack_start(packed: memoryview, compression: str, size: int) -> bytes:
+    """What the first bytes of a chunk decode to, never more than the chunk says it holds."""
     if compression == "zstd":
-        return zstandard.ZstdDecompressor().decompressobj().decompress(packed)
+        with zstandard.ZstdDecompressor().stream_reader(packed) as stream:
+            return stream.read(size)
     if compression == "lz4":
-        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(bytes(packed)))
-    return bytes(packed)
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(bytes(packed), max_length=size))
+    return bytes(packed[:size])

@@ -11,11 +11,13 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.records import Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import Reader
 
 from arl_fixtures.errors import DataError
 from arl_fixtures.metrics.block import AngleBlock
 from arl_fixtures.recording.bag_folder import BagReceipt, verify
+from arl_fixtures.recording.messages import typestore
 from arl_fixtures.recording.metadata import StepMetadata
 from arl_fixtures.recording.reader import StepBag
 from arl_fixtures.recording.recover import recover
@@ -113,6 +115,30 @@ def test_within_a_cut_chunk_the_messages_that_decode_are_kept(whole: Whole, tmp_
     size = large.chunk_start_offset + large.chunk_length - 100
     check_cut(whole, size, tmp_path)
     assert len(items_of(tmp_path / f"cut{size}.recovered")) > whole.messages_in_whole_chunks(size)
+
+
+@pytest.mark.parametrize("compression", CompressionType)
+def test_a_cut_file_of_another_writer_gives_what_decodes(
+    compression: CompressionType, whole: Whole, metadata: StepMetadata, tmp_path: Path
+) -> None:
+    path = tmp_path / "other.mcap"
+    writer = Writer(str(path), compression=compression, chunk_size=10**9)
+    writer.start("ros2")
+    writer.add_metadata("arl", metadata.to_custom_data())
+    channels: dict[str, int] = {}
+    for message in McapScan(whole.file).messages():
+        if message.topic not in channels:
+            definition, _ = typestore().generate_msgdef(message.msgtype, ros_version=2)
+            schema = writer.register_schema(message.msgtype, "ros2msg", definition.encode())
+            channels[message.topic] = writer.register_channel(message.topic, "cdr", schema)
+        writer.add_message(channels[message.topic], message.log_time_ns, bytes(message.data), message.log_time_ns)
+    writer.finish()
+
+    assert sorted(items_of(recover(path, tmp_path / "all").path)) == sorted(whole.items)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    found = items_of(recover(path, tmp_path / "half").path)
+    assert len(whole.items) / 4 < len(found) < len(whole.items)
+    assert sorted(found) == sorted(whole.items[: len(found)])
 
 
 def test_zeros_that_a_blackout_leaves_behind_are_no_messages(whole: Whole, tmp_path: Path) -> None:
