@@ -23,130 +23,16 @@ from arl_fixtures.reconcile.effects_common import (
     set_light,
     signals,
 )
+from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illumination, log_profile, ray_column
 from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_SAMPLE = 30_000
-_DEGREE = 4
 _FINEST_DEG = 0.05
 _CELLS = 4_000_000
 _BLOCKS = (4, 6, 8, 12, 16, 24, 32, 48, 64)
 _CLOSE_DEG = 0.1
-_GOOD_REST = 0.05
-
-
-@dataclass(frozen=True, slots=True)
-class Illumination:
-    """ln of the simulated beam and receiver profile as a polynomial of scaled azimuth and elevation."""
-
-    terms: tuple[tuple[int, int], ...]
-    coefficients: FloatArray
-    reach_az: float
-    reach_el: float
-
-    def log(self, azimuth: FloatArray, elevation: FloatArray) -> FloatArray:
-        """ln of the profile, held beyond 1.1 times the field of view."""
-        x = np.clip(azimuth / self.reach_az, -1.1, 1.1)
-        y = np.clip(elevation / self.reach_el, -1.1, 1.1)
-        grid = np.zeros((_DEGREE + 1, _DEGREE + 1))
-        for (i, j), coefficient in zip(self.terms, self.coefficients, strict=True):
-            grid[j, i] = coefficient
-        total = np.zeros(np.broadcast(x, y).shape)
-        for row in grid[::-1]:  # Horner in y of Horner in x
-            part = np.full(x.shape, row[-1])
-            for coefficient in row[-2::-1]:
-                part *= x
-                part += coefficient
-            total *= y
-            total += part
-        return total
-
-
-def has_rays(view: View) -> bool:
-    """Whether the table says where its pixels look."""
-    return view.varies("azimuth_deg") or view.varies("elevation_deg")
-
-
-def _ray(view: View, name: str) -> FloatArray:
-    numbers = view.columns.numbers
-    return np.nan_to_num(numbers[name]) if name in numbers else np.zeros(view.columns.n)
-
-
-def azimuth(view: View) -> FloatArray:
-    """Azimuth of every row under work, zeros where the table has none; degrees."""
-    return per_view(view, "azimuth", lambda: _ray(view, "azimuth_deg")[view.rows])
-
-
-def elevation(view: View) -> FloatArray:
-    """Elevation of every row under work, zeros where the table has none; degrees."""
-    return per_view(view, "elevation", lambda: _ray(view, "elevation_deg")[view.rows])
-
-
-def _pure(view: View) -> NDArray[np.bool_]:
-    table = view.columns
-    if "mixed" not in table.categories:
-        return np.ones(table.n, dtype=bool)
-    codes, labels = table.categories["mixed"]
-    return np.asarray(codes != (labels.index("true") if "true" in labels else -2))
-
-
-def _sceneries(view: View, rows: IntArray) -> list[tuple[FloatArray, list[FloatArray]]]:
-    """Ways to account for the scene in ln(signal): what is known, and regressors with free coefficients."""
-    table = view.columns
-    laws: list[FloatArray] = []
-    known = np.zeros(rows.size)
-    for name, exponent in (("reflectance", 1.0), ("true_range_m", -2.0), ("incidence_deg", 1.0)):
-        if name not in table.numbers:
-            continue
-        values = table.numbers[name][rows]
-        values = np.cos(np.radians(values)) if name == "incidence_deg" else values
-        law = np.nan_to_num(np.log(np.maximum(values, 1e-3)))
-        laws.append(law)
-        known = known + exponent * law
-    free = list(laws)
-    if "surface" in table.categories:
-        codes, labels = table.categories["surface"]
-        free += [(codes[rows] == index).astype(float) for index in range(min(len(labels), 40))]
-    return [(known, []), (np.zeros(rows.size), free)] if len(laws) == 3 else [(np.zeros(rows.size), free)]
-
-
-def illumination(view: View, channel: str) -> Illumination | None:
-    """Smooth profile of a simulated signal over the field of view; None without rays.
-
-    First with the textbook law for the scene (reflectance · cos(incidence) / range²); where that does not fit, with
-    free exponents and a level for every surface, so that another simulator is taken apart as well.
-    """
-
-    def make() -> Illumination | None:
-        if not has_rays(view):
-            return None
-        table = view.columns
-        signal = table.numbers[f"sim_{channel}"]
-        usable = np.isfinite(signal) & _pure(view)
-        if not usable.any():
-            return None
-        usable &= signal > 0.02 * np.quantile(signal[usable], 0.99)
-        rows = np.flatnonzero(usable)
-        rows = rows[:: max(1, rows.size // _SAMPLE)]
-        if rows.size < 30:
-            return None
-        az, el = _ray(view, "azimuth_deg"), _ray(view, "elevation_deg")
-        reach_az, reach_el = max(float(np.abs(az).max()), 1e-6), max(float(np.abs(el).max()), 1e-6)
-        terms = tuple((i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i) if i + j > 0)
-        x, y = az[rows] / reach_az, el[rows] / reach_el
-        basis = [np.ones(rows.size), *(x**i * y**j for i, j in terms)]
-        target = np.log(signal[rows])
-        for known, scenery in _sceneries(view, rows):
-            matrix = np.column_stack([*basis, *scenery])
-            solution = np.asarray(np.linalg.lstsq(matrix, target - known, rcond=1e-9)[0], dtype=np.float64)
-            rest = float(np.std(target - known - matrix @ solution))
-            if rest < _GOOD_REST:
-                break
-        return Illumination(terms, solution[1 : len(terms) + 1], reach_az, reach_el)
-
-    return per_table(view, ("illumination", channel), make)
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,16 +58,6 @@ class Scene:
     curves: dict[str, FloatArray]
 
 
-def log_profile(view: View, channel: str) -> FloatArray:
-    """ln of the fitted illumination along every row's own ray, zeros without rays."""
-
-    def make() -> FloatArray:
-        profile = illumination(view, channel)
-        return np.zeros(view.n) if profile is None else profile.log(azimuth(view), elevation(view))
-
-    return per_view(view, ("log profile", channel), make)
-
-
 def scene(view: View) -> Scene | None:
     """Scene of the table; None where nothing scans it (neither azimuth nor stage angle vary)."""
     return per_table(view, "scene", lambda: _make_scene(view))
@@ -192,7 +68,7 @@ def _make_scene(view: View) -> Scene | None:
     moving, rays = view.varies("stage_angle_deg"), view.varies("azimuth_deg")
     if not (moving or rays):
         return None
-    az, el = _ray(view, "azimuth_deg"), _ray(view, "elevation_deg")
+    az, el = ray_column(view, "azimuth_deg"), ray_column(view, "elevation_deg")
     stage = np.nan_to_num(table.numbers["stage_angle_deg"]) if moving else np.zeros(table.n)
     line = table.group("dut", "pixel_v") if rays else table.group("dut", "pixel_u", "pixel_v")
     device = _first_of(line, table.group("dut"))
@@ -216,7 +92,7 @@ def _make_scene(view: View) -> Scene | None:
     weight = next((flat[name] for name in signals(view)), None)
     if weight is not None:  # light and light-weighted range are straight lines across an edge, the range is not
         flat |= {name: flat[name] * weight for name in distances(view)}
-    curves = {name: _curves(line, bearing / step, values, lines) for name, values in flat.items()}
+    curves = {name: curves_over_bearing(line, bearing / step, values, lines) for name, values in flat.items()}
     return Scene(bearing, line, above, below, pitch, step, sign, curves)
 
 
@@ -229,7 +105,7 @@ def _flattened(view: View, name: str, el: FloatArray) -> FloatArray:
     profile = illumination(view, name)
     if profile is None:
         return np.asarray(values / cos**3)
-    return np.asarray(values / (cos**3 * np.exp(profile.log(_ray(view, "azimuth_deg"), el))))
+    return np.asarray(values / (cos**3 * np.exp(profile.log(ray_column(view, "azimuth_deg"), el))))
 
 
 def _roughness(line: IntArray, bearing: FloatArray, values: FloatArray) -> float:
@@ -285,7 +161,7 @@ def _stacked(height: FloatArray, across: FloatArray, device: IntArray) -> tuple[
     return above, below, float(np.median(gaps)) if gaps.size else 0.0
 
 
-def _curves(line: IntArray, place: FloatArray, values: FloatArray, lines: int) -> FloatArray:
+def curves_over_bearing(line: IntArray, place: FloatArray, values: FloatArray, lines: int) -> FloatArray:
     """Every line's curve on a regular grid, linear between the means of the samples that fall on one grid point."""
     good = np.flatnonzero(np.isfinite(values))
     width = int(np.ceil(place.max())) + 2
@@ -336,6 +212,44 @@ def _at(found: Scene, view: View, turn: FloatArray | float, lift: FloatArray | f
         with np.errstate(invalid="ignore", divide="ignore"):
             seen |= {name: seen[name] / light for name in distances(view) if name in seen}
     return seen
+
+
+def footprint_share(view: View, belongs: FloatArray) -> FloatArray | None:
+    """Share of each row's pixel, on the rows under work, in which something holds along the bearing.
+
+    Args:
+        view: rows under work.
+        belongs: 1 where it holds for the ray through the pixel's centre, else 0; of every row of the whole table.
+
+    Returns:
+        Box average over the pixel's width; None where the table has no columns of pixels with an azimuth.
+    """
+    found = scene(view)
+    if found is None or not (view.varies("azimuth_deg") and view.varies("pixel_u")):
+        return None
+    grid = curves_over_bearing(found.line, found.bearing / found.step_deg, belongs, int(found.line.max()) + 1)
+    total = np.concatenate([np.zeros((grid.shape[0], 1)), np.cumsum(grid, axis=1)], axis=1)
+    half = 0.5 * _pixel_width(view)[view.rows] / found.step_deg
+    place, line = found.bearing[view.rows] / found.step_deg + 0.5, found.line[view.rows] * total.shape[1]
+
+    def up_to(end: FloatArray) -> FloatArray:
+        inside = np.clip(end, 0.0, total.shape[1] - 1.001)
+        low: IntArray = inside.astype(np.int64)
+        values = total.ravel()
+        return np.asarray(values[line + low] + (inside - low) * (values[line + low + 1] - values[line + low]))
+
+    share = (up_to(place + half) - up_to(place - half)) / np.maximum(2.0 * half, 1e-9)
+    return np.asarray(np.clip(share, 0.0, 1.0))
+
+
+def _pixel_width(view: View) -> FloatArray:
+    """Azimuth from one pixel column to the next, for every row of the whole table; degrees."""
+    table = view.columns
+    column = np.nan_to_num(table.numbers["pixel_u"])
+    known, index, count = np.unique(column, return_inverse=True, return_counts=True)
+    mean = np.bincount(index, ray_column(view, "azimuth_deg")) / count
+    slope = np.gradient(mean, known) if known.size > 1 else np.ones(1)
+    return np.asarray(np.abs(slope)[index])
 
 
 def _here(found: Scene, view: View) -> dict[str, FloatArray]:

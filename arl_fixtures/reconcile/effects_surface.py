@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effects_common import FloatArray, per_table, per_view
+from arl_fixtures.reconcile.effects_scene import footprint_share
 from arl_fixtures.reconcile.view import View
 
 IntArray = NDArray[np.int64]
@@ -54,33 +55,64 @@ def neighbours(view: View, name: str) -> list[tuple[IntArray, FloatArray]]:
 def light_share(view: View, channel: str, surface: str) -> FloatArray:
     """Share of a pixel's simulated light that comes from a surface.
 
-    1 or 0 away from borders. At a mixed pixel the simulated signal tells how much of it each side fills, where the
-    neighbours show both sides alone; half of it is assumed where they do not.
+    1 or 0 away from borders. At a mixed pixel the surfaces' borders (where the centre's label changes along the
+    bearing) tell how much of it each fills, and the surfaces' mean signals how much light that is; without bearings,
+    the simulated signal between those of its neighbours tells it.
     """
 
     def make() -> FloatArray:
-        own = view.selects("surface", surface)
-        share = own.astype(float)
-        mixed = mixed_rows(view)
-        if not mixed.any():
+        share = view.selects("surface", surface).astype(float)
+        mixed = np.flatnonzero(mixed_rows(view))
+        if mixed.size == 0:
             return share
-        index = view.columns.categories["surface"][1].index(surface)
-        light = view.number(f"sim_{channel}")
-        inside, outside = np.full(view.n, np.nan), np.full(view.n, np.nan)
-        for codes, values in neighbours(view, f"sim_{channel}"):
-            here = codes == index
-            inside = np.fmax(inside, np.where(here, values, np.nan))
-            other = np.where(~here & (codes >= 0), values, np.nan)
-            further = np.abs(other - light) > np.abs(np.nan_to_num(outside - light, nan=-1.0))
-            outside = np.where(np.isnan(outside) | (further & np.isfinite(other)), other, outside)
-        touched = np.isfinite(inside)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            area = np.clip((light - outside) / (inside - outside), 0.0, 1.0)
-            part = np.clip(area * inside / light, 0.0, 1.0)
-        part = np.where(np.isfinite(part), part, 0.5)
-        return np.where(mixed & (touched | own), part, share)
+        share[mixed] = _share_by_bearing(view, channel, surface, mixed)
+        return share
 
     return per_view(view, ("light share", channel, surface), make)
+
+
+def _share_by_bearing(view: View, channel: str, surface: str, mixed: IntArray) -> FloatArray:
+    codes, labels = view.columns.categories["surface"]
+    signal = view.columns.numbers[f"sim_{channel}"]
+    pure = np.isfinite(signal)
+    if view.is_category("mixed"):
+        marks, names = view.columns.categories["mixed"]
+        pure &= marks != (names.index("true") if "true" in names else -2)
+    part, total = np.zeros(mixed.size), np.zeros(mixed.size)
+    for index, label in enumerate(labels):
+        here = codes == index
+        filled = _filled(view, label, here)
+        if filled is None:
+            return _share_by_neighbours(view, channel, surface)[mixed]
+        known = signal[here & pure]
+        light = filled[mixed] * (float(known.mean()) if known.size else float(np.nanmean(signal)))
+        total += light
+        if label == surface:
+            part = light
+    fallback = view.selects("surface", surface)[mixed].astype(float)
+    return np.where(total > 0.0, part / np.maximum(total, 1e-300), fallback)
+
+
+def _filled(view: View, label: str, here: BoolArray) -> FloatArray | None:
+    return per_view(view, ("filled", label), lambda: footprint_share(view, here.astype(float)))
+
+
+def _share_by_neighbours(view: View, channel: str, surface: str) -> FloatArray:
+    own = view.selects("surface", surface)
+    index = view.columns.categories["surface"][1].index(surface)
+    light = view.number(f"sim_{channel}")
+    inside, outside = np.full(view.n, np.nan), np.full(view.n, np.nan)
+    for codes, values in neighbours(view, f"sim_{channel}"):
+        here = codes == index
+        inside = np.fmax(inside, np.where(here, values, np.nan))
+        other = np.where(~here & (codes >= 0), values, np.nan)
+        further = np.abs(other - light) > np.abs(np.nan_to_num(outside - light, nan=-1.0))
+        outside = np.where(np.isnan(outside) | (further & np.isfinite(other)), other, outside)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        area = np.clip((light - outside) / (inside - outside), 0.0, 1.0)
+        part = np.clip(area * inside / light, 0.0, 1.0)
+    part = np.where(np.isfinite(part), part, 0.5)
+    return np.where(np.isfinite(inside) | own, part, 0.0)
 
 
 def borders(view: View) -> BoolArray:

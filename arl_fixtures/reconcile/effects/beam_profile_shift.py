@@ -21,7 +21,7 @@ from arl_fixtures.reconcile.effects_common import (
     temperature_drivers,
     unit_per,
 )
-from arl_fixtures.reconcile.effects_scene import azimuth, elevation, illumination, log_profile
+from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illumination, log_profile
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 

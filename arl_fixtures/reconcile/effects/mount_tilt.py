@@ -8,7 +8,8 @@ import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, per_view
-from arl_fixtures.reconcile.effects_scene import azimuth, elevation, point_elsewhere, scanned_channels, scene
+from arl_fixtures.reconcile.effects_illumination import azimuth, elevation
+from arl_fixtures.reconcile.effects_scene import point_elsewhere, scanned_channels, scene
 from arl_fixtures.reconcile.view import View
 
 _TURNS = ("yaw", "pitch", "roll")

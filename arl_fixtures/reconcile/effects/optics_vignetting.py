@@ -16,7 +16,7 @@ from arl_fixtures.reconcile.effects_common import (
     shape,
     signals,
 )
-from arl_fixtures.reconcile.effects_scene import azimuth, elevation, has_rays
+from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, has_rays
 from arl_fixtures.reconcile.view import View
 
 

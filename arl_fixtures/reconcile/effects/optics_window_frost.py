@@ -19,7 +19,7 @@ from arl_fixtures.reconcile.effects_common import (
     temperature_drivers,
 )
 from arl_fixtures.reconcile.effects_history import History, history, low_pass, on_rows, reservoir
-from arl_fixtures.reconcile.effects_scene import elevation
+from arl_fixtures.reconcile.effects_illumination import elevation
 from arl_fixtures.reconcile.view import View
 
 

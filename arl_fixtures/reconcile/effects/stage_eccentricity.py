@@ -16,7 +16,8 @@ from arl_fixtures.reconcile.effects_common import (
     set_light,
     signals,
 )
-from arl_fixtures.reconcile.effects_scene import azimuth, elevation, point_elsewhere, scanned_channels, scene
+from arl_fixtures.reconcile.effects_illumination import azimuth, elevation
+from arl_fixtures.reconcile.effects_scene import point_elsewhere, scanned_channels, scene
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 

@@ -1,0 +1,142 @@
+"""Where pixels look, and the smooth profile with which beam and receiver light the scene, fitted to the "
+"simulation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arl_fixtures.reconcile.effects_common import per_table, per_view
+from arl_fixtures.reconcile.view import View
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_SAMPLE = 30_000
+_DEGREE = 4
+_GOOD_REST = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Illumination:
+    """ln of the simulated beam and receiver profile as a polynomial of scaled azimuth and elevation."""
+
+    terms: tuple[tuple[int, int], ...]
+    coefficients: FloatArray
+    reach_az: float
+    reach_el: float
+
+    def log(self, azimuth: FloatArray, elevation: FloatArray) -> FloatArray:
+        """ln of the profile, held beyond 1.1 times the field of view."""
+        x = np.clip(azimuth / self.reach_az, -1.1, 1.1)
+        y = np.clip(elevation / self.reach_el, -1.1, 1.1)
+        grid = np.zeros((_DEGREE + 1, _DEGREE + 1))
+        for (i, j), coefficient in zip(self.terms, self.coefficients, strict=True):
+            grid[j, i] = coefficient
+        total = np.zeros(np.broadcast(x, y).shape)
+        for row in grid[::-1]:  # Horner in y of Horner in x
+            part = np.full(x.shape, row[-1])
+            for coefficient in row[-2::-1]:
+                part *= x
+                part += coefficient
+            total *= y
+            total += part
+        return total
+
+
+def has_rays(view: View) -> bool:
+    """Whether the table says where its pixels look."""
+    return view.varies("azimuth_deg") or view.varies("elevation_deg")
+
+
+def ray_column(view: View, name: str) -> FloatArray:
+    """Azimuth or elevation of every row of the whole table, zeros where it has none; degrees."""
+    numbers = view.columns.numbers
+    return np.nan_to_num(numbers[name]) if name in numbers else np.zeros(view.columns.n)
+
+
+def azimuth(view: View) -> FloatArray:
+    """Azimuth of every row under work, zeros where the table has none; degrees."""
+    return per_view(view, "azimuth", lambda: ray_column(view, "azimuth_deg")[view.rows])
+
+
+def elevation(view: View) -> FloatArray:
+    """Elevation of every row under work, zeros where the table has none; degrees."""
+    return per_view(view, "elevation", lambda: ray_column(view, "elevation_deg")[view.rows])
+
+
+def _pure(view: View) -> NDArray[np.bool_]:
+    table = view.columns
+    if "mixed" not in table.categories:
+        return np.ones(table.n, dtype=bool)
+    codes, labels = table.categories["mixed"]
+    return np.asarray(codes != (labels.index("true") if "true" in labels else -2))
+
+
+def _sceneries(view: View, rows: IntArray) -> list[tuple[FloatArray, list[FloatArray]]]:
+    """Ways to account for the scene in ln(signal): what is known, and regressors with free coefficients."""
+    table = view.columns
+    laws: list[FloatArray] = []
+    known = np.zeros(rows.size)
+    for name, exponent in (("reflectance", 1.0), ("true_range_m", -2.0), ("incidence_deg", 1.0)):
+        if name not in table.numbers:
+            continue
+        values = table.numbers[name][rows]
+        values = np.cos(np.radians(values)) if name == "incidence_deg" else values
+        law = np.nan_to_num(np.log(np.maximum(values, 1e-3)))
+        laws.append(law)
+        known = known + exponent * law
+    free = list(laws)
+    if "surface" in table.categories:
+        codes, labels = table.categories["surface"]
+        free += [(codes[rows] == index).astype(float) for index in range(min(len(labels), 40))]
+    return [(known, []), (np.zeros(rows.size), free)] if len(laws) == 3 else [(np.zeros(rows.size), free)]
+
+
+def illumination(view: View, channel: str) -> Illumination | None:
+    """Smooth profile of a simulated signal over the field of view; None without rays.
+
+    First with the textbook law for the scene (reflectance · cos(incidence) / range²); where that does not fit, with
+    free exponents and a level for every surface, so that another simulator is taken apart as well.
+    """
+
+    def make() -> Illumination | None:
+        if not has_rays(view):
+            return None
+        table = view.columns
+        signal = table.numbers[f"sim_{channel}"]
+        usable = np.isfinite(signal) & _pure(view)
+        if not usable.any():
+            return None
+        usable &= signal > 0.02 * np.quantile(signal[usable], 0.99)
+        rows = np.flatnonzero(usable)
+        rows = rows[:: max(1, rows.size // _SAMPLE)]
+        if rows.size < 30:
+            return None
+        az, el = ray_column(view, "azimuth_deg"), ray_column(view, "elevation_deg")
+        reach_az, reach_el = max(float(np.abs(az).max()), 1e-6), max(float(np.abs(el).max()), 1e-6)
+        terms = tuple((i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i) if i + j > 0)
+        x, y = az[rows] / reach_az, el[rows] / reach_el
+        basis = [np.ones(rows.size), *(x**i * y**j for i, j in terms)]
+        target = np.log(signal[rows])
+        for known, scenery in _sceneries(view, rows):
+            matrix = np.column_stack([*basis, *scenery])
+            solution = np.asarray(np.linalg.lstsq(matrix, target - known, rcond=1e-9)[0], dtype=np.float64)
+            rest = float(np.std(target - known - matrix @ solution))
+            if rest < _GOOD_REST:
+                break
+        return Illumination(terms, solution[1 : len(terms) + 1], reach_az, reach_el)
+
+    return per_table(view, ("illumination", channel), make)
+
+
+def log_profile(view: View, channel: str) -> FloatArray:
+    """ln of the fitted illumination along every row's own ray, zeros without rays."""
+
+    def make() -> FloatArray:
+        profile = illumination(view, channel)
+        return np.zeros(view.n) if profile is None else profile.log(azimuth(view), elevation(view))
+
+    return per_view(view, ("log profile", channel), make)

@@ -1,0 +1,128 @@
+"""Errors of stage, mount, lens, beam and targets: operators against a scene rendered again, ray by ray."""
+
+import numpy as np
+import pytest
+from rendered_bench import Camera, bench, corrected, left_over, render, variant_of
+
+from arl_fixtures.reconcile.view import View
+
+LIGHT, RANGE = "intensity_counts", "distance_m"
+
+
+def rendered(camera, **size):
+    return View(bench(camera, **size))
+
+
+def test_zero_offset_moves_light_and_range_as_a_turned_stage_does():
+    index_shift = 0.12
+    view = rendered(Camera(yaw_deg=index_shift))  # the camera turned by the same angle about the same axis
+    state = corrected(view, variant_of(view, "stage.zero_offset"), zero=index_shift)
+    assert left_over(view, state, LIGHT) < 0.02
+    assert left_over(view, state, RANGE) < 0.05
+
+
+def test_backlash_shifts_the_two_directions_of_travel_apart():
+    columns = bench(steps=2, back_and_forth=True)
+    stage = columns.numbers["stage_angle_deg"]
+    came = np.where(columns.numbers["step"] == 1.0, -1.0, 1.0)
+    turned_back = (columns.numbers["time_s"] % 1200.0) < 6.0  # first position of a sweep: came from nowhere
+    came[turned_back] = 0.0
+    real = render(columns.numbers["pixel_u"], columns.numbers["pixel_v"], stage + 0.1 * came)
+    columns.numbers[LIGHT] = real[LIGHT]
+    view = View(columns)
+    state = corrected(view, variant_of(view, "stage.zero_offset", kind="backlash"), backlash=0.2)
+    assert left_over(view, state, LIGHT) < 0.03
+
+
+@pytest.mark.parametrize("frame", ["sensor", "bench"])
+def test_eccentricity_reproduces_a_displaced_origin(frame):
+    view = rendered(Camera(forward_m=0.003, right_m=-0.002, fixed_to_bench=frame == "bench"), angles=(-9.0, 9.0, 41))
+    state = corrected(view, variant_of(view, "stage.eccentricity", frame=frame), forward=0.003, right=-0.002)
+    assert left_over(view, state, LIGHT) < 0.05
+    inner = np.abs(view.number("azimuth_deg") + view.number("stage_angle_deg")) < 10.5  # well sampled, no outer edge
+    pure = inner & view.selects("mixed", "false")
+    error = state[RANGE] - view.number(RANGE)
+    assert np.abs(view.number(RANGE) - view.sim[RANGE])[pure].max() > 3.0e-3
+    assert np.quantile(np.abs(error[pure]), 0.95) < 0.1e-3
+    assert np.sum(error[inner] ** 2) < 0.05 * np.sum((view.number(RANGE) - view.sim[RANGE])[inner] ** 2)
+
+
+def test_periodic_error_follows_the_stage_angle():
+    columns = bench(angles=(-9.0, 9.0, 41), columns=(56, 72), steps=2)
+    stage = columns.numbers["stage_angle_deg"]
+    error = 0.1 * np.sin(2.0 * np.pi * stage / 7.0) + 0.05 * np.cos(2.0 * np.pi * stage / 7.0)
+    real = render(columns.numbers["pixel_u"], columns.numbers["pixel_v"], stage + error)
+    columns.numbers |= {LIGHT: real[LIGHT], RANGE: real[RANGE]}
+    view = View(columns)
+    state = corrected(view, variant_of(view, "stage.periodic_error"), sine=0.1, cosine=0.05, period=7.0)
+    assert left_over(view, state, LIGHT) < 0.03
+
+
+def test_tilt_reproduces_a_rotated_camera():
+    turns = {"yaw": 0.10, "pitch": 0.20, "roll": -0.5}
+    view = rendered(Camera(yaw_deg=0.10, pitch_deg=0.20, roll_deg=-0.5), rows=(4, 28), columns=(58, 70))
+    state = corrected(view, variant_of(view, "mount.tilt"), **turns)
+    assert left_over(view, state, LIGHT) < 0.06
+    assert left_over(view, state, RANGE) < 0.10
+
+
+def test_focal_drift_moves_edges_outwards_with_the_temperature():
+    drift = 4e-4
+    columns = bench(columns=(84, 100), angles=(-30.0, -12.0, 21), rows=(10, 14), steps=4)
+    warm = columns.numbers["housing_temperature_c"] - 25.0
+    where = columns.numbers["pixel_u"], columns.numbers["pixel_v"], columns.numbers["stage_angle_deg"]
+    real = render(*where, Camera(zoom=1.0 + drift * warm))
+    columns.numbers |= {LIGHT: real[LIGHT], RANGE: real[RANGE]}
+    view = View(columns)
+    state = corrected(view, variant_of(view, "optics.focal_drift", temperature="housing_temperature_c"), drift=drift)
+    assert left_over(view, state, LIGHT) < 0.05
+    assert left_over(view, state, RANGE) < 0.05
+
+
+def test_frame_lag_mixes_in_the_position_before_in_time_not_in_angle():
+    columns = bench(steps=2, back_and_forth=True)
+    u, v, stage = (columns.numbers[name] for name in ("pixel_u", "pixel_v", "stage_angle_deg"))
+    pitch = 0.9 * np.where(columns.numbers["step"] == 1.0, -1.0, 1.0)
+    first = (columns.numbers["time_s"] % 1200.0) < 6.0
+    stale = render(u, v, np.where(first, stage, stage - pitch))
+    columns.numbers[LIGHT] = 0.7 * columns.numbers["sim_intensity_counts"] + 0.3 * stale[LIGHT]
+    view = View(columns)
+    variant = variant_of(view, "acquisition.frame_lag", frames=1)
+    state = corrected(view, variant, share=0.3)
+    assert left_over(view, state, LIGHT) < 1e-6
+    apart = np.abs(stale[LIGHT] - columns.numbers["sim_intensity_counts"])
+    mixture = np.hypot(view.sim[f"{LIGHT}_std"], np.sqrt(0.3 * 0.7) * apart)  # variance of a two-point mixture
+    np.testing.assert_allclose(state[f"{LIGHT}_std"], mixture, rtol=1e-6)
+
+
+def test_beam_shift_reproduces_a_beam_that_points_elsewhere():
+    view = rendered(Camera(beam=(75.0, 18.0, 2.0, -0.5)), columns=(20, 108), rows=(2, 30), angles=(-2.7, 2.7, 4))
+    state = corrected(view, variant_of(view, "beam.profile_shift", driver=""), shift_az=2.0, shift_el=-0.5)
+    assert left_over(view, state, LIGHT) < 0.01
+
+
+def test_beam_change_reproduces_a_wider_beam_up_to_its_energy():
+    view = rendered(
+        Camera(beam=(75.0 * 1.1, 18.0 * 1.05, 0.0, 0.0)), columns=(20, 108), rows=(2, 30), angles=(0.0, 0.9, 2)
+    )
+    variant = variant_of(view, "beam.profile_change", kind="width", driver="")
+    state = corrected(view, variant, width_az=0.1, width_el=0.05)
+    spread = state[LIGHT] * 1.1 * 1.05 / view.number(LIGHT)  # the renderer keeps the peak, the operator the energy
+    np.testing.assert_allclose(spread, 1.0, atol=4e-3)
+
+
+def test_a_brighter_surface_is_brighter_also_in_pixels_that_see_half_of_it():
+    view = rendered(Camera(reflectance={"stripe_50": 0.50 * 1.04}))
+    variant = variant_of(view, "target.reflectance_error", surface="stripe_50")
+    assert left_over(view, corrected(view, variant, error=0.04), LIGHT) < 0.01
+    mixed = view.selects("mixed", "true") & (np.abs(view.number(LIGHT) / view.sim[LIGHT] - 1.0) > 1e-6)
+    at_edges = corrected(view, variant, error=0.04)[LIGHT][mixed] / view.number(LIGHT)[mixed]
+    assert np.abs(at_edges - 1.0).max() < 0.012
+
+
+def test_surfaces_of_another_sign_of_rotation_are_found_from_the_table_itself():
+    columns = bench(Camera(yaw_deg=0.1))
+    columns.numbers["stage_angle_deg"] = -columns.numbers["stage_angle_deg"]  # counter-clockwise positive
+    view = View(columns)
+    state = corrected(view, variant_of(view, "stage.zero_offset"), zero=-0.1)
+    assert left_over(view, state, LIGHT) < 0.02
