@@ -1,5 +1,7 @@
 """Concealed effects of targets, air and mechanics on the flash sensor."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from benchmarks.concealed.designs import fine_sweep, smooth, sparse
@@ -140,19 +142,22 @@ def _zero_offset(rng: np.random.Generator, rows: Rows, design: Design) -> Effect
     way = sign(rng)
 
     def apply(reality: Reality, amount: float) -> None:
-        reality.stage_deg.append(lambda rows: np.full(len(rows), way * amount))
+        # with sweeps in both directions the play of the drive is seen, not where its zero lies
+        reality.stage_deg.append(
+            lambda rows: way * amount * (rows.travel if design.both_ways else np.ones(len(rows)))
+        )
 
     return Effect(
         effect="stage.zero_offset",
         apply=apply,
         channels=(INTENSITY, DISTANCE),
-        drivers=EDGE,
+        drivers=("sweep_direction", *EDGE),
         start=0.02,
         limit=2.0,
-        needs=("stage_angle_deg", *FIELD),
+        needs=("stage_angle_deg", "sweep_direction", *FIELD),
         unseen=("steps", "dut"),
         equivalents=(
-            *(("mount.tilt",) if len(design.duts) == 1 else ()),
+            *(("mount.tilt",) if len(design.duts) == 1 and not design.both_ways else ()),
             # frames that come late in an ordered sweep shift every angle towards the one before
             *(("acquisition.frame_lag",) if way < 0 and not design.shuffled else ()),
         ),
@@ -251,8 +256,14 @@ def _repeatability(rng: np.random.Generator, rows: Rows, design: Design) -> Effe
 
 
 def _frame_lag(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
+    settling = rng.random() < 0.35
+
     def apply(reality: Reality, amount: float) -> None:
-        reality.late_share.append(lambda rows: np.full(len(rows), min(amount, 0.95)))
+        if settling:  # the stage creeps in while the frames are taken, each as long as `amount` asks for
+            creep = np.exp(-(np.arange(design.n_frames) + 1.0) / (8.0 * amount))
+            reality.frames += [(1.0 / design.n_frames, float(f)) for f in creep]
+        else:
+            reality.frames += [(amount, 1.0), (1.0 - amount, 0.0)]
 
     return Effect(
         effect="acquisition.frame_lag",
@@ -264,8 +275,13 @@ def _frame_lag(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
         needs=("stage_angle_deg", "time_s", *FIELD),
         unseen=("steps",),
         equivalents=() if design.shuffled else ("stage.zero_offset",),
-        parameters=lambda a: (Parameter(pattern="share|fraction|late|stale", value=a, unit=""),),
+        parameters=lambda a: () if settling else (Parameter(pattern="share|fraction|late|stale", value=a, unit=""),),
     )
+
+
+def _both_or_one_way(rng: np.random.Generator) -> Design:
+    design = smooth(fine_sweep(rng, duts=int(rng.choice([1, 2]))), rng)
+    return replace(design, both_ways=True, shuffled=False) if rng.random() < 0.3 else design
 
 
 RECIPES = (
@@ -273,7 +289,7 @@ RECIPES = (
     Recipe("target.reflectance_error", lambda r: sparse(r, angles=15), _reflectance_error),
     Recipe("target.edge_mixing", lambda r: fine_sweep(r, pixels=24, steps=5, span_deg=20), _edge_mixing),
     Recipe("air.multipath", lambda r: sparse(r, pixels=60, angles=15, steps=5), _multipath),
-    Recipe("stage.zero_offset", lambda r: smooth(fine_sweep(r, duts=int(r.choice([1, 2]))), r), _zero_offset),
+    Recipe("stage.zero_offset", _both_or_one_way, _zero_offset),
     Recipe("stage.eccentricity", lambda r: smooth(sparse(r, pixels=60, angles=19, steps=5), r), _eccentricity),
     Recipe("stage.periodic_error", lambda r: smooth(fine_sweep(r, pixels=24, span_deg=27), r), _periodic_error),
     Recipe("mount.tilt", lambda r: smooth(fine_sweep(r, duts=int(r.choice([2, 3])), pixels=20), r), _tilt),

@@ -49,7 +49,8 @@ class Reality:
     """What happens beyond the nominal model; see the module for the order.
 
     `footprint_rad` is no mismatch but a property of the renderer, of simulation and reality alike: zero samples a
-    pixel by its nine rays, else every ray stands for a beamlet of that width and edges pass smoothly.
+    pixel by its nine rays, else every ray stands for a beamlet of that width, and edges pass smoothly. `frames` is
+    when frames were taken: see `_over_frames`.
     """
 
     footprint_rad: float = 0.0
@@ -67,7 +68,7 @@ class Reality:
     timing: list[Callable[[Rows, np.ndarray, np.ndarray], np.ndarray]] = field(default_factory=list)
     noise: list[Callable[[Rows, str, np.ndarray, np.ndarray], np.ndarray]] = field(default_factory=list)
     dead: list[PerRow] = field(default_factory=list)
-    late_share: list[PerRow] = field(default_factory=list)
+    frames: list[tuple[float, float]] = field(default_factory=list)
 
     def moves_geometry(self) -> bool:
         return bool(self.stage_deg or self.origin_m or self.tilt_deg or self.focal or self.blur_px)
@@ -171,17 +172,22 @@ def expect(rows: Rows, reality: Reality, light: Light | None = None) -> Expected
     for dead in reality.dead:
         valid = np.where(dead(rows), 0.0, valid)
     answer = Expected({"intensity_counts": intensity, "distance_m": distance}, std, valid)
-    return _with_late_frames(rows, reality, answer) if reality.late_share else answer
+    return _over_frames(rows, reality, answer) if reality.frames else answer
 
 
-def _with_late_frames(rows: Rows, reality: Reality, here: Expected) -> Expected:
-    """A share of the frames was taken while the stage still stood at the sweep's previous angle."""
-    share = sum(f(rows) for f in reality.late_share)
-    before = expect(replace(rows, angle_deg=rows.previous_angle_deg), replace(reality, late_share=[]))
-    mean, std = {}, {}
-    for name, value in here.mean.items():
-        other = before.mean[name]
-        mean[name] = (1 - share) * value + share * other
-        within = (1 - share) * here.std[name] ** 2 + share * before.std[name] ** 2
-        std[name] = np.sqrt(within + share * (1 - share) * (value - other) ** 2)
-    return Expected(mean, std, here.valid)
+def _over_frames(rows: Rows, reality: Reality, here: Expected) -> Expected:
+    """Frames taken while the stage was still a fraction of the way back towards the sweep's previous angle.
+
+    `reality.frames` holds (share of the frames, fraction of the way); the shares sum to one.
+    """
+    first = {name: np.zeros(len(rows)) for name in here.mean}
+    second = {name: np.zeros(len(rows)) for name in here.mean}
+    still = replace(reality, frames=[])
+    for share, fraction in reality.frames:
+        angle = rows.angle_deg + fraction * (rows.previous_angle_deg - rows.angle_deg)
+        there = expect(replace(rows, angle_deg=angle), still) if fraction > 1e-3 else here
+        for name, value in there.mean.items():
+            first[name] += share * value
+            second[name] += share * (there.std[name] ** 2 + value**2)
+    std = {name: np.sqrt(np.maximum(second[name] - first[name] ** 2, 0.0)) for name in first}
+    return Expected(first, std, here.valid)

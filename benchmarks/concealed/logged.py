@@ -50,6 +50,8 @@ def covariates(rng: np.random.Generator, rows: Rows, design: Design, light: Ligh
         "tec_current_a": tec_a + _per_sweep(rng, rows, 2e-3),
         "tec_voltage_v": 1.2 * tec_a + _per_sweep(rng, rows, 2e-3),
     }
+    if design.both_ways:
+        columns["sweep_direction"] = rows.travel
     for name, volts in (("1v0", 1.0), ("1v8", 1.8), ("3v3", 3.3), ("5v0", 5.0), ("12v0", 12.0)):
         column = f"rail_{name}_v"
         true = rows.rail if column == design.rail_name else 1.0

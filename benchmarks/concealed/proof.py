@@ -83,7 +83,8 @@ def main() -> None:
     print(f"\n{as_text(lines)}\n\n{len(scores)} cases in {minutes:.1f} minutes")
     (folder / "scores.json").write_text(json.dumps([asdict(s) for s in scores], indent=1, default=float))
     if given.docs:
-        heading = f"{INTRODUCTION}\n## Result\n\nSet `{given.set}`, seed {seed}, {len(scores)} cases, {minutes:.0f} minutes."
+        drawn = f"Set `{given.set}`, seed {seed}, {len(scores)} cases, {minutes:.0f} minutes."
+        heading = f"{INTRODUCTION}\n## Result\n\n{drawn}"
         given.docs.write_text(as_markdown(lines, scores, heading))
 
 

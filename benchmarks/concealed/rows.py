@@ -19,6 +19,7 @@ class Design:
     """Which conditions a table holds.
 
     `pixels` is an array (P, 2) of (u, v); `steps` indexes the 39 set points of a cycle; `cycles` are cycle counts.
+    `both_ways` sweeps back on every second step.
     `laser_program_k` moves the laser's TEC set point per (cycle, step) so that laser and housing part company.
     """
 
@@ -36,6 +37,7 @@ class Design:
     dew_point_c: float = -40.0
     dwell_s: float = 6.0
     smooth: bool = False
+    both_ways: bool = False
 
 
 @dataclass(slots=True, kw_only=True)
@@ -58,6 +60,7 @@ class Rows:
     rail: np.ndarray
     group: np.ndarray
     sweep: np.ndarray
+    travel: np.ndarray
 
     def __len__(self) -> int:
         return int(self.dut.size)
@@ -102,6 +105,8 @@ def _rows_of(design: Design, course: Course, rng: np.random.Generator) -> Rows:
         for c, cycle in enumerate(design.cycles):
             for step in design.steps:
                 order = rng.permutation(angles.size) if design.shuffled else np.arange(angles.size)
+                back = design.both_ways and design.steps.index(step) % 2 == 1
+                order = order[::-1] if back else order
                 place = np.argsort(order)
                 in_step = 0.5 * STEP_S + design.dwell_s * (place + 0.5) * min(1.0, 40.0 / angles.size)
                 previous = angles[order][np.maximum(place - 1, 0)]
@@ -121,6 +126,7 @@ def _rows_of(design: Design, course: Course, rng: np.random.Generator) -> Rows:
                     "group": np.full(shape, group),
                     "sweep": group * 10_000 + np.arange(angles.size)[:, None] * np.ones(shape, dtype=int),
                     "frost_kg_m2": course.frost_kg_m2[at][:, None] * np.ones(shape),
+                    "travel": np.full(shape, -1 if back else 1),
                     "rail": np.full(shape, 1.0 + wander[dut, c, step]),
                 }
                 part |= {f"node_{n}": t[at][:, None] * np.ones(shape) for n, t in course.node_c.items()}
