@@ -53,3 +53,11 @@ class Crosstalk(Effect):
         along = {"both": "its four neighbours", "rows": "its row neighbours", "columns": "its column neighbours"}
         direction = along[str(variant.options["direction"])]
         return f"A pixel leaks {values['share'] * 100:.2f} % of its signal into each of {direction}."
+
+    def next_experiment(self, variant: Variant) -> str:
+        """What tells it from blur and glare."""
+        return (
+            "Light a single pixel through a pinhole, at two focus settings: electrical crosstalk stays with the "
+            "pixel's "
+            "direct neighbours, blur of the optics changes with the focus, glare reaches far."
+        )

@@ -1,8 +1,8 @@
 """A bench rendered ray by ray, for tests: its own geometry, shared with nothing in the package.
 
 Three panels on a circle of 1.1 m before a cylinder of 1.6 m, seen by a pinhole camera on a turning stage. Every pixel
-averages 61 rays side by side. What a test changes here (a turned camera, a moved axis, another reflectance) is the truth that an
-effect's operator has to reproduce from the unchanged rendering alone.
+averages 61 rays side by side. What a test changes here (a turned camera, a moved axis, another reflectance) is the
+truth that an effect's operator has to reproduce from the unchanged rendering alone.
 """
 
 from dataclasses import dataclass, field
