@@ -63,3 +63,16 @@ class DeviceLostError(DeviceError):
 
 class InterlockError(ArlError):
     """The bench was brought into its safe state, or may not leave it before an acknowledgement."""
+
+
+class HoldError(ArlError):
+    """The bench must pause: what is under way is not to be judged, and goes on when the condition is over.
+
+    Args:
+        message: why.
+        soak_back: whether the bench must go back to its safe temperature meanwhile.
+    """
+
+    def __init__(self, message: str, *, soak_back: bool = False) -> None:
+        self.soak_back = soak_back
+        super().__init__(message)

@@ -14,6 +14,7 @@ from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from arl_fixtures.bench.control import ControlSettings
 from arl_fixtures.bench.drivers import Kind, find_driver, find_emulation
+from arl_fixtures.bench.guard_settings import GuardSettings
 from arl_fixtures.bench.settle import SettleSettings
 from arl_fixtures.emulators.faults import Fault
 from arl_fixtures.emulators.plant import PlantSettings
@@ -106,6 +107,7 @@ class BenchConfig(FileModel):
     duts: DutsEntry
     control: ControlSettings = ControlSettings()
     settle: SettleSettings = SettleSettings()
+    guard: GuardSettings = GuardSettings()
     sweep: SweepSettings = SweepSettings()
     scene: SceneSettings = SceneSettings()
     emulation: EmulationSettings = EmulationSettings()

@@ -1,12 +1,12 @@
 """What the guard decides, without any I/O: events and samples in, a state and things to do out.
 
     state    meaning                                            leaves it by
-    IDLE     no test; the bench is safe                         JOIN
+    IDLE     no test; the bench is safe                         JOIN, FOUND
     ARMED    a test drives the bench                            HOLD, TRIP, LEAVE
     HOLDING  a condition asks the test to pause                 CLEAR, TRIP, LEAVE
     CLOSING  the test said good-bye; safe actions are verified  SETTLED, UNSAFE
     TRIPPED  safe actions under way                             SETTLED, UNSAFE
-    SAFE     stopped; nothing may drive the bench               PARDON, ACK
+    SAFE     stopped; nothing may drive the bench               PARDON, ACK, RETRY
 
 Whatever is not in `TRANSITIONS` cannot happen; everything that decides a transition is in this file. `SETTLED`
 means that every safe action was verified by read-back, `UNSAFE` that some could not be, as often as it was tried.
@@ -46,18 +46,20 @@ class Event(Enum):
     TRIP = "the test is lost, or a condition asks for the safe state"
     SETTLED = "every safe action is verified"
     UNSAFE = "a safe action could not be verified"
+    FOUND = "a session was found that nobody had ended"
+    RETRY = "safe actions that could not be verified are tried again"
     PARDON = "verified, and nothing to acknowledge"
     ACK = "somebody acknowledged"
 
 
 TRANSITIONS: Final[Mapping[State, Mapping[Event, State]]] = MappingProxyType(
     {
-        State.IDLE: {Event.JOIN: State.ARMED},
+        State.IDLE: {Event.JOIN: State.ARMED, Event.FOUND: State.TRIPPED},
         State.ARMED: {Event.HOLD: State.HOLDING, Event.TRIP: State.TRIPPED, Event.LEAVE: State.CLOSING},
         State.HOLDING: {Event.CLEAR: State.ARMED, Event.TRIP: State.TRIPPED, Event.LEAVE: State.CLOSING},
         State.CLOSING: {Event.SETTLED: State.IDLE, Event.UNSAFE: State.SAFE},
         State.TRIPPED: {Event.SETTLED: State.SAFE, Event.UNSAFE: State.SAFE},
-        State.SAFE: {Event.PARDON: State.IDLE, Event.ACK: State.IDLE},
+        State.SAFE: {Event.PARDON: State.IDLE, Event.ACK: State.IDLE, Event.RETRY: State.TRIPPED},
     }
 )
 
@@ -92,7 +94,7 @@ class SafeSequence:
 
     def __init__(self, attempts: int) -> None:
         self._attempts = attempts
-        self._round = 1
+        self.round = 1
         self._open = list(SafeStep)
         self._failed: list[SafeStep] = []
         self.unverified: dict[SafeStep, str] = dict.fromkeys(SafeStep, "not tried")
@@ -112,8 +114,8 @@ class SafeSequence:
             self._failed.append(step)
         else:
             del self.unverified[step]
-        if not self._open and self._failed and self._round < self._attempts:
-            self._round += 1
+        if not self._open and self._failed and self.round < self._attempts:
+            self.round += 1
             self._open, self._failed = self._failed, []
 
 
@@ -139,6 +141,7 @@ class GuardCore:
         self.state = State.SAFE if stopped else State.IDLE
         self.cause = ""
         self.needs_ack = stopped
+        self.unverified: dict[str, str] = {}
         self.request: Request | None = None
         self._watches: list[ConditionWatch] = []
         self._safe: SafeSequence | None = None
@@ -149,11 +152,15 @@ class GuardCore:
     # -- what happens to it
 
     def join(self, now_s: float) -> None:
-        """A test connected and may drive the bench from now on."""
+        """A test connected and may drive the bench from now on.
+
+        Raises:
+            LocalProtocolError: another one does, or the bench is stopped.
+        """
+        self._go(Event.JOIN, now_s)
         self._watches = [ConditionWatch(condition) for condition in self._settings.conditions]
         self._beat_s = now_s
-        self.cause, self.needs_ack = "", False
-        self._go(Event.JOIN, now_s)
+        self.cause, self.needs_ack, self.unverified = "", False, {}
 
     def beat(self, now_s: float) -> None:
         """The test's main loop gave a sign of life."""
@@ -174,6 +181,16 @@ class GuardCore:
         """The test process died, was stopped or hangs; nothing if none was there."""
         if self.state in DRIVEN:
             self._trip(now_s, how, needs_ack=self._settings.ack_after_lost_test)
+
+    def found(self, now_s: float, how: str) -> None:
+        """The guard has just started and finds that its predecessor died while a test drove the bench."""
+        self._make_safe(Event.FOUND, now_s, how)
+        self.needs_ack = self._settings.ack_after_lost_test
+
+    def retry(self, now_s: float) -> None:
+        """Try safe actions again that could not be verified; nothing if all were, or something else is going on."""
+        if self.state is State.SAFE and self.unverified:
+            self._make_safe(Event.RETRY, now_s, self.cause, attempts=1)
 
     def see(self, sample: Sample) -> None:
         """Judge one look at the bench."""
@@ -214,12 +231,11 @@ class GuardCore:
         self._note(now_s, "safe action", step=str(step), fault=fault)
         if self._safe.next is not None:
             return
-        unverified = self.unverified
+        self.unverified = {str(step): why for step, why in self._safe.unverified.items()}
         self._safe = None
-        if unverified:
+        if self.unverified:
             self.needs_ack = True
-            self.cause = self.cause or "the bench could not be made safe"
-            self._go(Event.UNSAFE, now_s, unverified=unverified)
+            self._go(Event.UNSAFE, now_s, unverified=self.unverified)
             return
         self._go(Event.SETTLED, now_s)
         if self.state is State.SAFE and not self.needs_ack:
@@ -231,8 +247,8 @@ class GuardCore:
         Raises:
             LocalProtocolError: there is nothing to acknowledge.
         """
-        self.needs_ack = False
         self._go(Event.ACK, now_s, by=who, note=note)
+        self.needs_ack = False
 
     # -- what it wants
 
@@ -242,9 +258,9 @@ class GuardCore:
         return self._safe.next if self._safe is not None else None
 
     @property
-    def unverified(self) -> dict[str, str]:
-        """Safe actions that could not be verified, and why; empty while none are under way."""
-        return {str(step): why for step, why in self._safe.unverified.items()} if self._safe is not None else {}
+    def round(self) -> int:
+        """Which round of safe actions is under way, from 1; 0 when none is."""
+        return self._safe.round if self._safe is not None else 0
 
     @property
     def driven(self) -> bool:
@@ -269,13 +285,13 @@ class GuardCore:
             self._note(now_s, "pause changed", action=str(self.request.action), reason=self.request.reason)
 
     def _trip(self, now_s: float, cause: str, *, needs_ack: bool = True) -> None:
-        self.needs_ack = needs_ack
         self._make_safe(Event.TRIP, now_s, cause)
+        self.needs_ack = needs_ack
 
-    def _make_safe(self, event: Event, now_s: float, cause: str) -> None:
-        self.cause, self.request = cause, None
-        self._safe = SafeSequence(self._settings.attempts)
+    def _make_safe(self, event: Event, now_s: float, cause: str, *, attempts: int | None = None) -> None:
         self._go(event, now_s, cause=cause)
+        self.cause, self.request = cause, None
+        self._safe = SafeSequence(attempts or self._settings.attempts)
 
     def _go(self, event: Event, now_s: float, **detail: Any) -> None:  # noqa: ANN401 - details are the record's own
         target = TRANSITIONS[self.state].get(event)

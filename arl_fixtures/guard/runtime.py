@@ -12,6 +12,7 @@ import fcntl
 import json
 import os
 import signal
+import threading
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -151,6 +152,25 @@ class Lease:
             os.kill(pid, signal.SIGKILL)
         # the lock is free as soon as the kernel has buried it
         fcntl.flock(self._file, fcntl.LOCK_EX)
+
+
+def lease_holder(path: Path, *, lease_s: float) -> int:
+    """Process number of the guard that holds a bench; 0 if none does, or it hangs."""
+    try:
+        holder = json.loads(path.read_text())
+        pid, age_s = int(holder["pid"]), boot_time_s() - float(holder["renewed_s"])
+        alive = bool(holder["started"]) and holder["started"] == started(pid) and process_state(pid) not in {"Z", "X"}
+    except (OSError, ValueError, KeyError, TypeError):
+        return 0
+    return pid if alive and 0.0 <= age_s < lease_s else 0
+
+
+def wait_for_lease(path: Path, *, timeout_s: float) -> None:
+    """Wait until nobody holds a bench any more, but not for ever."""
+    deadline_s = time.monotonic() + timeout_s
+    pause = threading.Event()
+    while lease_holder(path, lease_s=timeout_s) and time.monotonic() < deadline_s:
+        pause.wait(0.02)
 
 
 def started(pid: int) -> str:

@@ -124,6 +124,28 @@ def test_a_main_loop_that_hangs_is_noticed():
     assert "no sign of life" in core.cause
 
 
+def test_what_could_not_be_verified_is_tried_again_and_still_needs_an_acknowledgement():
+    core = armed()
+    core.lost(1.0, "the test process died")
+    carry_out(core, {SafeStep.SETPOINT: 99})
+    core.retry(10.0)
+    assert carry_out(core, {SafeStep.SETPOINT: 1}) == list(SafeStep)
+    assert core.state is State.SAFE
+    core.retry(20.0)
+    carry_out(core)
+    assert (core.state, core.unverified, core.needs_ack) == (State.SAFE, {}, True)
+    assert core.cause == "the test process died"
+    core.retry(30.0)
+    assert core.to_do is None
+
+
+def test_a_session_that_nobody_ended_is_ended():
+    core = GuardCore(SETTINGS)
+    core.found(0.0, "the guard died")
+    assert carry_out(core) == list(SafeStep)
+    assert core.state is State.IDLE
+
+
 def test_a_guard_started_again_after_a_stop_still_demands_the_acknowledgement():
     core = GuardCore(SETTINGS, stopped=True)
     with pytest.raises(LocalProtocolError):
@@ -139,7 +161,7 @@ def test_every_state_can_be_left_and_reached():
 
 
 events = st.one_of(
-    st.sampled_from(["join", "leave", "lost", "beat", "heed", "acknowledge", "work", "work_fails"]),
+    st.sampled_from(["join", "leave", "lost", "found", "retry", "beat", "heed", "acknowledge", "work", "work_fails"]),
     st.tuples(st.just("see"), st.sampled_from([25.0, 96.0, -21.0, None]), st.sampled_from(["", "stalled"])),
     st.tuples(st.just("wait"), st.floats(0.1, 30.0)),
 )
@@ -153,6 +175,10 @@ def happen(core, event, now_s):
             core.leave(now_s)
         case "lost":
             core.lost(now_s, "died")
+        case "found":
+            core.found(now_s, "found")
+        case "retry":
+            core.retry(now_s)
         case "beat":
             core.beat(now_s)
         case "heed":
@@ -180,7 +206,8 @@ def test_whatever_happens_in_whatever_order(history):
             assert (core.state, core.to_do) == (before, to_do)  # a refused event changes nothing
             continue
         if before is State.SAFE and core.state is not State.SAFE:
-            assert event == "acknowledge"
+            assert event in {"acknowledge", "retry"}
+            assert (core.state is State.IDLE) == (event == "acknowledge")
         if before is State.TRIPPED and core.state is State.IDLE:
             assert not needed_ack
         if before in DRIVEN and core.state not in DRIVEN:
