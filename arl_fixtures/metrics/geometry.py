@@ -10,8 +10,9 @@ from typing import Any, Final, TypeVar, final
 import numpy as np
 import numpy.typing as npt
 
+from arl_fixtures.metrics.panels import centre_rays, view_panel
 from arl_fixtures.twin.frame import Renderer
-from arl_fixtures.twin.scene import SceneSettings
+from arl_fixtures.twin.scene import WALL, SceneSettings
 from arl_fixtures.twin.settings import DutSettings
 
 Float32Array = npt.NDArray[np.float32]
@@ -24,6 +25,7 @@ Derived = TypeVar("Derived")
 KEPT_SWEEPS: Final = 2
 """Ascending sweeps repeat exactly; some 12 MB each at full resolution."""
 ANGLE_DIGITS: Final = 6
+EDGE_PX: Final = 1.0
 
 
 @final
@@ -91,12 +93,27 @@ class Geometry:
 
     @cached_property
     def _seen(self) -> dict[str, Int64Array]:
-        clean = np.where(self.mixed, np.int8(-1), self.surface).ravel()
-        names = self.scene.surface_names
-        return {name: np.flatnonzero(clean == number) for number, name in enumerate(names)}
+        surface = np.where(self.mixed, np.int8(-1), self.surface).ravel()
+        seen = {self.scene.wall.name: np.flatnonzero(surface == WALL)}
+        size = self.azimuth_deg.size
+        rays = centre_rays(self.dut)
+        width_rad = np.abs(np.gradient(np.radians(self.azimuth_deg), axis=1)).ravel()
+        height_rad = np.abs(np.gradient(np.radians(self.elevation_deg), axis=0)).ravel()
+        for number, panel in enumerate(self.scene.panels, start=1):
+            index = np.flatnonzero(surface == number)
+            angle, pixel = np.divmod(index, size)
+            view = view_panel(self.dut, rays, panel, self.stage_angle_deg[angle], pixel)
+            inside = np.abs(view.aside_m) < panel.width_m / 2 - EDGE_PX * width_rad[pixel] * view.range_m
+            inside &= np.abs(view.up_m) < panel.height_m / 2 - EDGE_PX * height_rad[pixel] * view.range_m
+            seen[panel.name] = index[inside]
+        return seen
 
     def seen(self, surface: str) -> Int64Array:
-        """Flat indices into (n, H, W) of pixels whose whole field lies on `surface`."""
+        """Flat indices into (n, H, W) of pixels whose centre ray meets a surface well inside of it.
+
+        From a panel's edges they keep a pixel's distance: half a pixel for their own field and the rest because K,
+        mount and stage are never known to better than parts of a pixel.
+        """
         return self._seen[surface]
 
     @cached_property

@@ -186,7 +186,9 @@ def _gain_variance(step: StepData) -> float:
     """Variance that the frames' common gain adds to a mean over all angles that saw a target."""
     sweep, geometry = step.sweep, step.geometry
     size = sweep.shape[0] * sweep.shape[1]
-    angles = np.unique(np.concatenate([geometry.seen(target) for target in geometry.stripes]) // size)
+    angles = np.flatnonzero(
+        sum(np.bincount(geometry.seen(target) // size, minlength=len(sweep.frames)) for target in geometry.stripes)
+    )
     excess = sweep.intensity_common_variance[angles] - sweep.intensity_common_floor[angles]
     # every pixel meets a target at some angles only, but the whole map's level averages over all of them
     return max(float(np.mean(excess)), 0.0) / float(sweep.frames[angles].sum())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import cached_property
 from typing import Any, Final, TypeVar, final
 
 from pydantic import Field
@@ -118,12 +119,28 @@ class StepData:
             channels: of ``intensity``, ``distance``, ``operating``.
 
         Raises:
-            NotMeasurableError: nothing was recorded, or a fault names one of the channels.
+            NotMeasurableError: nothing was recorded, or one of the channels was not.
         """
         for channel in channels:
-            if channel in self.faults:
-                raise NotMeasurableError(self.faults[channel])
+            if channel in self.missing:
+                raise NotMeasurableError(self.missing[channel])
         return self.sweep
+
+    @cached_property
+    def missing(self) -> Mapping[str, str]:
+        """Channels that were not recorded, with the reason.
+
+        A channel without a single value is taken as missing where the other one has values: frames without any
+        return have neither.
+        """
+        missing = {channel: reason for channel, reason in self.faults.items() if channel != "frames"}
+        if self._sweep is not None:
+            lit, timed = bool(self._sweep.intensity_returns.any()), bool(self._sweep.distance_returns.any())
+            if lit and not timed:
+                missing.setdefault("distance", f"no frame holds a distance{self.shortfall}")
+            if timed and not lit:
+                missing.setdefault("intensity", f"no frame holds an intensity{self.shortfall}")
+        return missing
 
     @property
     def shortfall(self) -> str:

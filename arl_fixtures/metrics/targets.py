@@ -46,8 +46,8 @@ def all_sightings(step: StepData) -> dict[str, Sightings | str]:
     """
     sweep, geometry = step.sweep, step.geometry
     size = sweep.shape[0] * sweep.shape[1]
-    healthy = ~step.derive(pixel_faults).faulty.ravel() if not step.faults else np.ones(size, dtype=bool)
-    shared_m = None if "distance" in step.faults else _shared_offset_m(step)
+    healthy = ~step.derive(pixel_faults).faulty.ravel() if not step.missing else np.ones(size, dtype=bool)
+    shared_m = None if "distance" in step.missing else _shared_offset_m(step)
     found: dict[str, Sightings | str] = {}
     for target in geometry.stripes:
         index = geometry.seen(target)
@@ -68,7 +68,7 @@ def all_sightings(step: StepData) -> dict[str, Sightings | str]:
                 continue
             good &= there
         found[target] = Sightings(target, index[good], pixel[good])
-        share = np.unique(pixel[good]).size / size
+        share = np.count_nonzero(np.bincount(pixel[good], minlength=size)) / size
         if share < LEAST_COVERAGE:
             found[target] = f"only {share:.0%} of the pixels saw {target}{step.shortfall}"
     return found

@@ -9,6 +9,7 @@ import pytest
 from simulated_sweep import FULL_SWEEP_DEG, SimulatedBench, value_of
 
 from arl_fixtures.errors import DataError
+from arl_fixtures.metrics.collect import collect
 from arl_fixtures.metrics.conditions import Conditions
 from arl_fixtures.metrics.reference import NotMeasurableError, Reference
 from arl_fixtures.metrics.registry import all_metrics, measure, metric_names, remember
@@ -42,14 +43,18 @@ def test_nothing_recorded_makes_every_metric_invalid_and_none_fail(bench):
 
 
 def test_a_bag_cut_short_says_how_much_is_there(bench):
-    statistics = SweepStatistics(DUT.serial)
-    for k, block in enumerate(bench.blocks(1)):
-        if k < 57:
-            statistics.add(block)
-    step = bench.step(sweep=statistics.summary(), faults={"frames": "bag cut after 57 angles"})
+    def cut():
+        for k, block in enumerate(bench.blocks(1)):
+            if k == 57:
+                raise DataError("step.mcap: is cut short")
+            yield block
+
+    collected = collect(cut(), [DUT.serial, "SN-10"])
+    assert len(collected.statistics["SN-10"]) == 0
+    step = bench.step(sweep=collected.statistics[DUT.serial].summary(), faults=collected.faults)
     reasons = missing(measure(step))
     assert "57 of 134 stage angles recorded" in reasons["distance_error[stripe_50]"]
-    assert "bag cut after 57 angles" in reasons["distance_error[stripe_50]"]
+    assert "step.mcap: is cut short" in reasons["distance_error[stripe_50]"]
     assert value_of(measure(step), "operating", "laser_current_a").quantity.value == pytest.approx(90.0)
 
 
@@ -62,10 +67,11 @@ def test_missing_operating_data_leave_the_frames_alone(bench, sweep):
     assert reasons["operating"] == "topic /dut_SN_9/operating is missing"
 
 
-def test_a_missing_distance_topic_leaves_the_intensity_metrics(bench, sweep):
+@pytest.mark.parametrize("faults", [{"distance": "topic /dut_SN_9/distance is missing"}, {}])
+def test_a_missing_distance_topic_leaves_the_intensity_metrics(bench, sweep, faults):
     nothing = np.full_like(sweep.distance_m, np.nan)
     cut = replace(sweep, distance_m=nothing, distance_variance=nothing, distance_returns=np.zeros_like(sweep.arrived))
-    measured = measure(bench.step(sweep=cut, faults={"distance": "topic /dut_SN_9/distance is missing"}))
+    measured = measure(bench.step(sweep=cut, faults=faults))
     gone = {one.metric for one in measured if one.quantity is None and one.attempted}
     assert all(name.startswith(("distance", "twin_distance", "dead_pixels")) for name in gone)
     assert value_of(measured, "power_level").quantity.value == pytest.approx(0.0, abs=0.1)

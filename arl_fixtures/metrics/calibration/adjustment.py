@@ -3,7 +3,9 @@
 Linear about the assumed camera: deviations of the centres d = J θ + ε, with normal priors on everything that a
 certificate or drawing knows (mount, target positions, each stage angle) and none on the intrinsics. The scatter of
 the centres beyond repeatability (the coarse sampling of a four-pixel circle) is estimated from the residuals and
-joins ε; single wild centres lose their weight (bisquare).
+joins ε; single wild centres lose their weight (bisquare). One circle is seen from many angles in nearly the same
+phase of the pixel grid, so its residuals are alike: the scatter of the circles' own sums, not of single residuals,
+says what the estimate is worth (cluster-robust covariance with a factor per image axis).
 
 The estimate's error is H⁻¹(JᵀW ε − P η), H = JᵀWJ + P, with η the true deviations behind the priors P: that splits
 its covariance into repeatability (type A) and one type B contribution for each group of priors.
@@ -29,6 +31,8 @@ from arl_fixtures.metrics.reference import NotMeasurableError
 from arl_fixtures.metrics.step import BenchUncertainty
 
 Float64Array = npt.NDArray[np.float64]
+Int64Array = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
 
 ITERATIONS: Final = 4
 TUKEY: Final = 6.0
@@ -47,22 +51,49 @@ class Adjustment:
     Attributes:
         names: of the intrinsic parameters.
         offsets: estimated deviation of every parameter but the stage angles, by name.
-        repeatability: covariance of the intrinsic parameters from the circle centres.
+        kernels: (2, p, p) covariance of the intrinsic parameters from the centres' u and from their v, were all
+            residuals independent and as large as assumed.
+        identity: (k,) which circle at which angle each used centre is.
+        circle: (k,) which circle.
+        residuals: (k, 2) in standard deviations as assumed.
+        sigma_px: (k, 2) standard deviation assumed of each.
         by_group: the same from each group of `GROUPS`.
         dof: degrees of freedom of the repeatability.
         circles: centres used.
+        parameters: estimated besides the stage angles.
         residual_px: root mean square of the residuals, robust.
         moved_px: root mean square of what the estimated intrinsics and mount move the centres by.
     """
 
     names: tuple[str, ...]
     offsets: dict[str, float]
-    repeatability: Float64Array
+    kernels: Float64Array
+    identity: Int64Array
+    circle: Int64Array
+    residuals: Float64Array
+    sigma_px: Float64Array
     by_group: dict[str, Float64Array]
     dof: float
     circles: int
+    parameters: int
     residual_px: float
     moved_px: float
+
+    @property
+    def repeatability(self) -> Float64Array:
+        """Covariance of the intrinsic parameters from the circle centres."""
+        return self.scaled(self.residuals, np.ones(len(self.circle), dtype=bool))
+
+    def scaled(self, residuals: Float64Array, used: BoolArray) -> Float64Array:
+        """Covariance of the intrinsic parameters if the centres scatter as these residuals do.
+
+        Args:
+            residuals: (j, 2) in the standard deviations assumed here.
+            used: (k,) the j centres they belong to.
+        """
+        factors = [_cluster_factor(residuals[:, axis], self.circle[used], self.parameters) for axis in (0, 1)]
+        covariance: Float64Array = np.tensordot(factors, self.kernels, axes=1)
+        return covariance
 
 
 def adjust(
@@ -86,7 +117,9 @@ def adjust(
         )
     dense = field.jacobian[used].reshape(-1, len(field.names))
     stage = field.stage_jacobian[used].ravel()
-    angles, angle = np.unique(np.repeat(field.angle[used], 2), return_inverse=True)
+    present = np.bincount(field.angle[used]) > 0
+    angles = np.flatnonzero(present)
+    angle = np.repeat((np.cumsum(present) - 1)[field.angle[used]], 2)
     deviation = centres.deviation_px[used].ravel()
     noise = centres.variance_px2[used].ravel()
     prior, group = _priors(field, uncertainty, len(angles))
@@ -110,18 +143,41 @@ def adjust(
     count = len(free_intrinsics(field.dut.intrinsics))
     camera = np.array(["." not in name or name.startswith("mount.") for name in field.names])
     # weights of (1 − x²)² stand for evidence of a share of an observation: the sandwich has them squared
-    squared = _normal(dense, stage, angle, trust * trust / (noise + model), len(angles))
+    squared = trust * trust / (noise + model)
+    kernels = []
+    for axis in (0, 1):
+        one = np.zeros_like(squared)
+        one[axis::2] = squared[axis::2]
+        kernels.append((inverse @ _normal(dense, stage, angle, one, len(angles)) @ inverse.T)[:count, :count])
+    sigma = np.sqrt(noise + model)
+    clusters = 2 * np.unique(field.circle[used]).size
     parts = {name: (inverse * np.where(group == k, prior, 0.0)) @ inverse.T for k, name in enumerate(GROUPS)}
     return Adjustment(
         names=field.names[:count],
         offsets=dict(zip(field.names, theta[: dense.shape[1]].tolist(), strict=True)),
-        repeatability=(inverse @ squared @ inverse.T)[:count, :count],
+        kernels=np.stack(kernels),
+        identity=field.identity[used],
+        circle=field.circle[used],
+        residuals=(np.sqrt(trust) * residual / sigma).reshape(-1, 2),
+        sigma_px=sigma.reshape(-1, 2),
         by_group={name: part[:count, :count] for name, part in parts.items()},
-        dof=float(max(len(deviation) - dense.shape[1] - len(angles), 1)),
+        dof=float(max(clusters - dense.shape[1], 1)),
         circles=int(used.sum()),
+        parameters=dense.shape[1],
         residual_px=float(np.sqrt(np.average(residual**2, weights=trust))),
         moved_px=float(np.sqrt(np.mean((dense[:, camera] @ theta[: dense.shape[1]][camera]) ** 2))),
     )
+
+
+def _cluster_factor(residuals: Float64Array, circle: Int64Array, parameters: int) -> float:
+    """Variance of the circles' sums of residuals, in what it would be with independent residuals of variance 1.
+
+    The parameters, which follow both image axes, take their share of the circles' freedom.
+    """
+    _, owner = np.unique(circle, return_inverse=True)
+    sums = np.bincount(owner, weights=residuals)
+    free = max(sums.size - 0.5 * parameters, 1.0)
+    return float(sums @ sums) / len(residuals) * sums.size / free
 
 
 def _priors(

@@ -41,6 +41,7 @@ class CircleField:
 
     Attributes:
         dut: the DUT as assumed.
+        circle: (m,) which circle of which target it is; the same one is seen at many angles.
         angle: (m,) index of the stage angle.
         stage_angle_deg: (m,).
         board: (m,) index of the target.
@@ -52,6 +53,7 @@ class CircleField:
     """
 
     dut: DutSettings
+    circle: Int64Array
     angle: Int64Array
     stage_angle_deg: Float64Array
     board: Int64Array
@@ -60,6 +62,11 @@ class CircleField:
     radius_m: Float64Array
     aside_m: Float64Array
     up_m: Float64Array
+
+    @cached_property
+    def identity(self) -> Int64Array:
+        """(m,) number of each sighting that is the same in every sweep: circle and stage angle to 0.001°."""
+        return self.circle * 1_000_000 + np.rint(self.stage_angle_deg * 1000.0).astype(np.int64)
 
     @cached_property
     def names(self) -> tuple[str, ...]:

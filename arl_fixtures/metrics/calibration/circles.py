@@ -18,8 +18,7 @@ import numpy.typing as npt
 
 from arl_fixtures.metrics.calibration.camera import CircleField
 from arl_fixtures.metrics.geometry import Geometry
-from arl_fixtures.twin.frame import to_stage
-from arl_fixtures.twin.projection import pixel_rays
+from arl_fixtures.metrics.panels import centre_rays, view_panel
 from arl_fixtures.twin.scene import CircleGrid, Panel
 
 Float64Array = npt.NDArray[np.float64]
@@ -176,19 +175,12 @@ class _Cells:
 
 def _cells(geometry: Geometry, number: int, panel: Panel, grid: CircleGrid) -> _Cells:
     dut = geometry.dut
-    v, u = np.meshgrid(np.arange(float(dut.rows)), np.arange(float(dut.columns)), indexing="ij")
-    rays = (pixel_rays(dut.intrinsics, u, v) @ to_stage(dut.mount).T).reshape(-1, 3)
-    origin = np.array([dut.mount.forward_m, dut.mount.left_m, dut.height_m])
+    rays = centre_rays(dut)
     index = np.flatnonzero((geometry.surface == number).ravel())
     angle, pixel = np.divmod(index, len(rays))
-    azimuth = np.radians(panel.azimuth_deg + geometry.stage_angle_deg[angle])
-    cosine, sine = np.cos(azimuth), np.sin(azimuth)
-    x, y, z = rays[pixel].T
-    range_m = (panel.radius_m - origin[0] * cosine - origin[1] * sine) / (x * cosine + y * sine)
-    aside_m = range_m * (y * cosine - x * sine) + origin[1] * cosine - origin[0] * sine
-    up_m = range_m * z + origin[2] - panel.centre_z_m
-    column, from_column_m = _nearest(aside_m, grid.columns, grid.pitch_m)
-    row, from_row_m = _nearest(up_m, grid.rows, grid.pitch_m)
+    view = view_panel(dut, rays, panel, geometry.stage_angle_deg[angle], pixel)
+    column, from_column_m = _nearest(view.aside_m, grid.columns, grid.pitch_m)
+    row, from_row_m = _nearest(view.up_m, grid.rows, grid.pitch_m)
     in_cell = (np.abs(from_column_m) <= grid.pitch_m / 2) & (np.abs(from_row_m) <= grid.pitch_m / 2)
     # a pixel's field reaches over one pixel: plain background keeps that distance from every circle and edge
     pixel_m = 1.2 * panel.radius_m / min(dut.intrinsics.fx, dut.intrinsics.fy)
@@ -221,6 +213,7 @@ def _circle_field(geometry: Geometry, names: Int64Array, most: int) -> CircleFie
     pitch_m = of_board([grid.pitch_m for grid in grids])
     return CircleField(
         dut=geometry.dut,
+        circle=board * most + place,
         angle=angle,
         stage_angle_deg=geometry.stage_angle_deg[angle],
         board=board,

@@ -107,10 +107,14 @@ def evaluate(step: StepData) -> list[Measurement]:
 def _bench(step: StepData, channel: str) -> tuple[Contribution, ...]:
     bench, reference_m = step.uncertainty, step.dut.reference_range_m
     if channel == "distance":
-        return (Contribution("target position", bench.target_position_m, Kind.B),)
+        return (
+            Contribution("target position", bench.target_position_m, Kind.B),
+            Contribution("mount position", bench.mount_position_m, Kind.B),
+        )
     return (
         Contribution("reflectance certificate", 100.0 * bench.reflectance_relative, Kind.B),
         Contribution("target position", 200.0 * bench.target_position_m / reference_m, Kind.B),
+        Contribution("mount position", 200.0 * bench.mount_position_m / reference_m, Kind.B),
     )
 
 

@@ -5,10 +5,12 @@ The first moment of the map is no measure of that: the field of view cuts the be
 
     log P(α, β) − log P_ref(α, β) = s + q((α − δ_α)/(1 + κ_α), (β − δ_β)/(1 + κ_β)) − q(α, β)
 
-with q a smooth polynomial through log P_ref, so that each pixel's own response cancels and only the beam's slope is
-taken from the polynomial. Weighted least squares (Gauss–Newton) with bisquare weights, because a local loss is not
-a shift. δ and κ get the uncertainty of both maps' repeatability; a χ² above its degrees of freedom (a change that is
-neither shift nor width nor level) widens it. Certificates and target positions act on both maps alike and cancel.
+with (α, β) the pixels' directions by the reference's K: what is measured is the beam against the receiver, in the
+image; whether K moved is the calibration's to tell. q is a smooth polynomial through log P_ref, so that each pixel's
+own response cancels and only the beam's slope is taken from the polynomial. Weighted least squares (Gauss–Newton)
+with bisquare weights, because a local loss is not a shift. δ and κ get the uncertainty of both maps' repeatability;
+a χ² above its degrees of freedom (a change that is neither shift nor width nor level) widens it. Certificates and
+target positions act on both maps alike and cancel.
 """
 
 from __future__ import annotations
@@ -22,14 +24,18 @@ import numpy.typing as npt
 from arl_fixtures.metrics.measurement import Measurement
 from arl_fixtures.metrics.metric import Metric
 from arl_fixtures.metrics.power_map import power_map
-from arl_fixtures.metrics.reference import NotMeasurableError
+from arl_fixtures.metrics.reference import NotMeasurableError, Reference
 from arl_fixtures.metrics.step import NO_REFERENCE, StepData
 from arl_fixtures.quantity import Contribution, Kind, Quantity
+from arl_fixtures.twin.projection import azimuth_elevation, pixel_rays
 
 Float64Array = npt.NDArray[np.float64]
 
 DEGREE: Final = 6
-ITERATIONS: Final = 8
+ITERATIONS: Final = 12
+SURFACE_ROUNDS: Final = 3
+CONVERGED: Final = 1e-6
+"""Squared length of the last move in standard errors."""
 TUKEY: Final = 4.685
 """Bisquare constant for 95 % efficiency on normal residuals."""
 MAD_TO_SIGMA: Final = 1.4826
@@ -57,31 +63,45 @@ class SmoothSurface:
     def through(
         cls, alpha: Float64Array, beta: Float64Array, values: Float64Array, weight: Float64Array
     ) -> SmoothSurface:
-        """Weighted least squares fit; all (m,)."""
+        """Weighted least squares fit, pixels far off it left out in a second round; all (m,)."""
         scale = float(np.abs(alpha).max()), float(np.abs(beta).max())
         design = _monomials(alpha / scale[0], beta / scale[1])
-        root = np.sqrt(weight)
-        found = np.linalg.lstsq(design * root[:, None], values * root, rcond=None)
-        return cls(found[0].astype(np.float64), scale)
+        coefficients = np.zeros(design.shape[1])
+        trust = np.ones_like(values)
+        for _ in range(SURFACE_ROUNDS):
+            weighted = design * (weight * trust)[:, None]
+            coefficients = np.linalg.lstsq(weighted.T @ design, weighted.T @ values, rcond=None)[0].astype(np.float64)
+            standard = np.abs(values - design @ coefficients) * np.sqrt(weight)
+            trust = (standard < TUKEY * MAD_TO_SIGMA * np.median(standard)).astype(np.float64)
+        return cls(coefficients, scale)
 
-    def at(self, alpha: Float64Array, beta: Float64Array) -> Float64Array:
-        """Value, (m,)."""
-        value: Float64Array = _monomials(alpha / self.scale[0], beta / self.scale[1]) @ self.coefficients
-        return value
+    def with_slopes(self, alpha: Float64Array, beta: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
+        """Value and its derivatives by α and β per degree, (m,) each."""
+        x, y = _powers(alpha / self.scale[0]), _powers(beta / self.scale[1])
+        grid = np.zeros((DEGREE + 1, DEGREE + 1))
+        for value, (i, j) in zip(self.coefficients, _EXPONENTS, strict=True):
+            grid[i, j] = value
+        order = np.arange(1, DEGREE + 1)
+        along_y = grid @ y
+        by_y = (grid[:, 1:] * order) @ y[:-1]
+        by_x = (x[:-1] * order[:, None] * along_y[1:]).sum(axis=0)
+        return (x * along_y).sum(axis=0), by_x / self.scale[0], (x * by_y).sum(axis=0) / self.scale[1]
 
-    def slopes(self, alpha: Float64Array, beta: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Derivatives by α and β per degree, (m,) each."""
-        step = 1e-3  # degrees; the polynomial's third derivative makes this exact to 1e-10
-        by_alpha = (self.at(alpha + step, beta) - self.at(alpha - step, beta)) / (2.0 * step)
-        by_beta = (self.at(alpha, beta + step) - self.at(alpha, beta - step)) / (2.0 * step)
-        return by_alpha, by_beta
+
+_EXPONENTS: Final = tuple((i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i))
+
+
+def _powers(x: Float64Array) -> Float64Array:
+    """x⁰ … x^DEGREE, (DEGREE + 1, m)."""
+    powers = np.ones((DEGREE + 1, x.size))
+    for k in range(DEGREE):
+        np.multiply(powers[k], x, out=powers[k + 1])
+    return powers
 
 
 def _monomials(x: Float64Array, y: Float64Array) -> Float64Array:
-    powers_x = np.vander(x, DEGREE + 1, increasing=True)
-    powers_y = np.vander(y, DEGREE + 1, increasing=True)
-    columns = [powers_x[:, i] * powers_y[:, j] for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
-    return np.stack(columns, axis=1)
+    powers_x, powers_y = _powers(x), _powers(y)
+    return np.stack([powers_x[i] * powers_y[j] for i, j in _EXPONENTS], axis=1)
 
 
 def register(step: StepData) -> Registration:
@@ -95,26 +115,39 @@ def register(step: StepData) -> Registration:
     both = np.isfinite(now.power) & np.isfinite(then) & (then > 0.0) & (now.power > 0.0)
     if int(both.sum()) < FEWEST_PIXELS:
         raise NotMeasurableError(f"only {int(both.sum())} pixels in both power maps{step.shortfall}")
-    alpha, beta = step.geometry.azimuth_deg[both], step.geometry.elevation_deg[both]
+    azimuth_deg, elevation_deg = _directions(step, reference)
+    alpha, beta = azimuth_deg[both], elevation_deg[both]
     change = np.log(now.power[both]) - np.log(then[both])
     variance = now.variance[both] / now.power[both] ** 2 + then_variance[both] / then[both] ** 2
     surface = SmoothSurface.through(alpha, beta, np.log(then[both]), 1.0 / variance)
     return _fit(surface, alpha, beta, change, 1.0 / variance)
 
 
+def _directions(step: StepData, reference: Reference) -> tuple[Float64Array, Float64Array]:
+    """Azimuth and elevation of the pixels by the K that the reference was calibrated to, (H, W) each, degrees."""
+    if "intrinsics.values" not in reference.arrays:
+        return step.geometry.azimuth_deg, step.geometry.elevation_deg
+    names = [str(name) for name in reference.array("intrinsics.names")]
+    values = reference.array("intrinsics.values").tolist()
+    camera = step.dut.intrinsics.model_copy(update=dict(zip(names, values, strict=True)))
+    v, u = np.meshgrid(np.arange(float(step.dut.rows)), np.arange(float(step.dut.columns)), indexing="ij")
+    azimuth_rad, elevation_rad = azimuth_elevation(pixel_rays(camera, u, v))
+    return np.degrees(azimuth_rad), np.degrees(elevation_rad)
+
+
 def _fit(
     surface: SmoothSurface, alpha: Float64Array, beta: Float64Array, change: Float64Array, weight: Float64Array
 ) -> Registration:
     values = np.zeros(PARAMETERS)
-    rest = surface.at(alpha, beta)
+    rest, *_ = surface.with_slopes(alpha, beta)
     trust = np.ones_like(change)
     covariance = np.zeros((PARAMETERS, PARAMETERS))
     chi2 = 1.0
     for _ in range(ITERATIONS):
         level, shift_a, shift_b, width_a, width_b = values
         a, b = (alpha - shift_a) / (1.0 + width_a), (beta - shift_b) / (1.0 + width_b)
-        residual = change - (level + surface.at(a, b) - rest)
-        by_a, by_b = surface.slopes(a, b)
+        value, by_a, by_b = surface.with_slopes(a, b)
+        residual = change - (level + value - rest)
         # derivatives of the model: a falls by 1/(1+κ) per degree of shift and by a/(1+κ) per unit of width
         jacobian = np.stack(
             [
@@ -134,8 +167,10 @@ def _fit(
             covariance = np.linalg.inv(normal).astype(np.float64)
         except np.linalg.LinAlgError:
             raise NotMeasurableError("the power map is too flat to tell a shift from a change of level") from None
-        values = values + covariance @ (jacobian.T @ (weight * trust * residual))
-        chi2 = spread**2
+        move = covariance @ (jacobian.T @ (weight * trust * residual))
+        values, chi2 = values + move, spread**2
+        if float(move @ normal @ move) < CONVERGED:
+            break
     # the weights' own loss of information: E[w]²/E[w²] of the bisquare is 0.95 at normal residuals
     inflation = max(chi2, 1.0) * float((trust**2).mean() / trust.mean())
     return Registration(values=values, covariance=covariance * inflation, dof=float(len(change) - PARAMETERS))

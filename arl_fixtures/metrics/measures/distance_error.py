@@ -2,8 +2,9 @@
 
 The measured mean at an angle is compared with the range of the pixel's centre ray there; a pixel's errors are
 averaged over the angles at which it saw the target, the target's value over the pixels, so that every direction
-counts once. Propagation is linear. Type B: target position (its relative error is the value's), stage angle
-(dR/dφ = R tan θ_h, independent from angle to angle).
+counts once. Propagation is linear. Type B: position of the target and of the DUT (their relative errors are the
+value's; the DUT's is the same for all targets and leaves the slope alone), stage angle (dR/dφ ≤ R tan θ, independent
+from angle to angle).
 """
 
 from __future__ import annotations
@@ -94,7 +95,7 @@ def error_map(step: StepData, target: str) -> ErrorMap:
         log_intensity=float(np.log10(intensity[known]).mean()) if known.any() else math.nan,
         range_m=float(true_m.mean()),
         stage_sensitivity_m_per_rad=float(np.sqrt((slope_m**2).mean())),
-        angles=int(np.unique(index // size).size),
+        angles=int(np.count_nonzero(np.bincount(index // size))),
     )
 
 
@@ -118,13 +119,14 @@ def evaluate(step: StepData) -> list[Measurement]:
     return measured
 
 
-def _bench_contributions(step: StepData, errors: ErrorMap) -> tuple[Contribution, Contribution]:
+def _bench_contributions(step: StepData, errors: ErrorMap) -> tuple[Contribution, ...]:
     """Type B contributions to the mean error, metres."""
     u_angle_rad = math.radians(step.uncertainty.stage_angle_deg)
     u_turn_m = errors.stage_sensitivity_m_per_rad * u_angle_rad / math.sqrt(errors.angles)
     return (
         Contribution("target position", step.uncertainty.target_position_m, Kind.B),
         Contribution("stage angle", u_turn_m, Kind.B),
+        Contribution("mount position", step.uncertainty.mount_position_m, Kind.B),
     )
 
 
@@ -155,7 +157,7 @@ def _per_decade(step: StepData, maps: list[ErrorMap]) -> Quantity:
     x = np.array([errors.log_intensity for errors in usable])
     y_m = np.array([errors.mean_m for errors in usable])
     noise = np.array([errors.mean_u_m for errors in usable])
-    bench = np.array([[part.u for part in _bench_contributions(step, errors)] for errors in usable])
+    bench = np.array([[part.u for part in _bench_contributions(step, errors)[:2]] for errors in usable])
     weight = 1.0 / (noise**2 + (bench**2).sum(axis=1) + 1e-12)
     lever = weight * (x - np.average(x, weights=weight))
     strength = float(lever @ x)

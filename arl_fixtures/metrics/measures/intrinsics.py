@@ -5,8 +5,9 @@ Circle centres come from the temporal mean images with the blob's bias taken fro
 (`calibration.adjustment`). Where the found camera is far from the assumed one, the twin is rendered again with the
 found one and the rest is measured against that.
 
-Changes against the reference: mount and targets are the same ones then and now, so their part cancels; what remains
-is the repeatability of both and the stage angle's part of both. Propagation is linear.
+Changes against the reference: mount and targets are the same ones then and now, so their part cancels, and so does
+what a circle's residuals had already then; what remains is the scatter of the residuals' own change, and the stage
+angle's part of both. Propagation is linear.
 """
 
 from __future__ import annotations
@@ -150,8 +151,9 @@ def remember(step: StepData) -> Mapping[str, npt.NDArray[Any]]:
         "intrinsics.names": np.array(found.names),
         "intrinsics.values": found.values,
         "intrinsics.repeatability": found.adjustment.repeatability,
+        "intrinsics.identity": found.adjustment.identity,
+        "intrinsics.residual_px": (found.adjustment.residuals * found.adjustment.sigma_px).astype(np.float32),
         "intrinsics.stage": found.adjustment.by_group[STAGE],
-        "intrinsics.dof": np.array(found.adjustment.dof),
     }
 
 
@@ -169,18 +171,33 @@ def _change(step: StepData, found: Calibration, k: int, name: str) -> Quantity:
         raise NotMeasurableError(f"the reference ({reference.identity}) holds no '{name}'")
     j = names.index(name)
     then = float(reference.array("intrinsics.values")[j])
-    repeat = float(reference.array("intrinsics.repeatability")[j, j])
+    repeat = step.derive(_covariance_of_change)[k, k]
     stage = float(reference.array("intrinsics.stage")[j, j])
-    dof = float(reference.array("intrinsics.dof"))
     factor, unit = (100.0 / then, "%") if name in FOCAL else (1.0, _kind(name)[1])
     now = found.adjustment
     return Quantity.of(
         factor * (float(found.values[k]) - then),
         unit,
-        Contribution("repeatability", factor * math.sqrt(now.repeatability[k, k]), Kind.A, now.dof),
-        Contribution("repeatability of the reference", factor * math.sqrt(repeat), Kind.A, dof),
+        Contribution("repeatability", factor * math.sqrt(repeat), Kind.A, now.dof),
         Contribution(STAGE, factor * math.sqrt(max(now.by_group[STAGE][k, k], 0.0) + max(stage, 0.0)), Kind.B),
     )
+
+
+def _covariance_of_change(step: StepData) -> Float64Array:
+    """Covariance of the parameters' change from the circle centres, now and then."""
+    now, reference = step.derive(calibrate).adjustment, step.need_reference()
+    _, here, there = np.intersect1d(
+        now.identity, reference.array("intrinsics.identity"), assume_unique=True, return_indices=True
+    )
+    if here.size < LEAST_SHARE * now.circles:
+        # other angles than then: nothing cancels
+        independent: Float64Array = now.repeatability + reference.array("intrinsics.repeatability")
+        return independent
+    then_px = reference.array("intrinsics.residual_px")[there].astype(np.float64)
+    change = now.residuals[here] - then_px / now.sigma_px[here]
+    used = np.zeros(now.circles, dtype=bool)
+    used[here] = True
+    return now.scaled(change, used)
 
 
 METRIC = Metric(

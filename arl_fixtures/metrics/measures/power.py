@@ -1,7 +1,7 @@
 """Relative P_o: total power, agreement of the targets, and the map's change against the reference.
 
 * ``power_level``: total power against the twin's, so against the DUT file. Type B: reflectance certificate,
-  target position (twice its relative error, the inverse square law).
+  position of target and DUT (twice their relative error, the inverse square law).
 * ``power_target_agreement``: how far a target's level lies from the mean of the targets.
 * ``power_change``: total power against the reference, the mean of the targets' own changes. Certificate and target
   position are the same for both and cancel.
@@ -123,6 +123,9 @@ def _level(step: StepData, power: PowerMap) -> Quantity:
             "reflectance certificate", 100.0 * step.uncertainty.reflectance_relative / math.sqrt(targets), Kind.B
         ),
         Contribution("target position", 100.0 * _inverse_square(step) / math.sqrt(targets), Kind.B),
+        Contribution(
+            "mount position", 200.0 * step.uncertainty.mount_position_m / step.dut.reference_range_m, Kind.B
+        ),
     )
 
 
