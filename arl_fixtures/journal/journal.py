@@ -116,10 +116,11 @@ class Journal:
             sequence number of the last.
         """
         time_s, utc_ns = self._clock.now_s, self._clock.utc_ns()
-        block, prev = b"", self._prev
+        lines, prev = [], self._prev
         for number, entry in enumerate(entries, start=self._seq):
-            line = encode(number, time_s, utc_ns, prev, entry)
-            block, prev = block + line, line_hash(line)
+            lines.append(encode(number, time_s, utc_ns, prev, entry))
+            prev = line_hash(lines[-1])
+        block = b"".join(lines)
         try:
             _write_all(self._descriptor, block)
             os.fdatasync(self._descriptor)
