@@ -32,8 +32,8 @@ _FENCES: Final = (
 class HuberSettings(PbWire):
     """Patience with a Huber thermostat; times on the bench clock."""
 
-    timeout_s: float = Field(default=0.5, gt=0)
-    retries: int = Field(default=1, ge=0)
+    timeout_s: float = Field(default=0.5, gt=0, description="for one answer")
+    retries: int = Field(default=1, ge=0, description="how often a question is asked again")
     gap_s: float = Field(default=0.0, ge=0, description="pause between commands; Petite Fleur: 1")
     pause_after_start_s: float = Field(default=0.0, ge=0, description="after control on; Petite Fleur: 10")
     pause_after_circulation_s: float = Field(default=0.0, ge=0, description="after pump on; Petite Fleur: 5")

@@ -26,21 +26,23 @@ class TmclSettings(TmclModuleSettings):
     """Mechanics and motion; times on the bench clock."""
 
     full_steps: int = Field(default=200, gt=0, description="per motor turn")
-    microsteps: Literal[1, 2, 4, 8, 16, 32, 64, 128, 256] = 256
+    microsteps: Literal[1, 2, 4, 8, 16, 32, 64, 128, 256] = Field(default=256, description="per full step")
     gear: float = Field(default=72.0, gt=0, description="motor turns per stage turn")
     clockwise_sign: Literal[1, -1] = Field(default=1, description="direction of the counter for a clockwise turn")
-    max_speed_deg_s: float = Field(default=20.0, gt=0)
-    acceleration_deg_s2: float = Field(default=100.0, gt=0)
+    max_speed_deg_s: float = Field(default=20.0, gt=0, description="of the stage")
+    acceleration_deg_s2: float = Field(default=100.0, gt=0, description="of the stage, speeding up and braking")
     search_mode: int = Field(default=1, description="of reference search; numbers are specific to the module")
-    search_speed_deg_s: float = Field(default=10.0, gt=0)
-    switch_speed_deg_s: float = Field(default=0.5, gt=0)
+    search_speed_deg_s: float = Field(default=10.0, gt=0, description="towards the switch")
+    switch_speed_deg_s: float = Field(default=0.5, gt=0, description="off the switch and back, slowly")
     reference_angle_deg: float = Field(default=-75.0, description="stage angle where the search sets zero")
     reference_window_deg: float = Field(default=3.0, gt=0, description="largest distance from zero after a search")
-    minimum_deg: float = -70.0
-    maximum_deg: float = 70.0
+    minimum_deg: float = Field(default=-70.0, description="it is never sent below")
+    maximum_deg: float = Field(default=70.0, description="it is never sent beyond")
     tolerance_deg: float = Field(default=0.02, gt=0, description="between target, counter and encoder at rest")
     encoder: bool = Field(default=True, description="compare the encoder (parameter 209) with the counter")
-    encoder_counts_per_microstep: float = Field(default=1.0, gt=0)
+    encoder_counts_per_microstep: float = Field(default=1.0, gt=0, description="unit of parameter 209")
+    pps_per_speed_unit: float = Field(default=1.0, gt=0, description="1: module counts in pps (TMC5160 and alike)")
+    pps2_per_acceleration_unit: float = Field(default=1.0, gt=0, description="1: module counts in pps²")
     stop_at_deviation_deg: float = Field(default=1.0, ge=0, description="module stops the motor; 0 = never")
     poll_s: float = Field(default=0.005, gt=0, description="between two looks at 'reached'")
     driver_fault_mask: int = Field(default=0b0001_1110, description="bits of parameter 208 that are faults")
@@ -259,13 +261,14 @@ class TmclStage:
 
     def _configure(self) -> None:
         settings, per_deg = self._settings, self._settings.steps_per_deg
+        speed_units = per_deg / settings.pps_per_speed_unit
         parameters = {
             Axis.MICROSTEP_RESOLUTION: settings.microsteps.bit_length() - 1,
-            Axis.MAX_SPEED: round(settings.max_speed_deg_s * per_deg),
-            Axis.ACCELERATION: round(settings.acceleration_deg_s2 * per_deg),
+            Axis.MAX_SPEED: round(settings.max_speed_deg_s * speed_units),
+            Axis.ACCELERATION: round(settings.acceleration_deg_s2 * per_deg / settings.pps2_per_acceleration_unit),
             Axis.SEARCH_MODE: settings.search_mode,
-            Axis.SEARCH_SPEED: round(settings.search_speed_deg_s * per_deg),
-            Axis.SWITCH_SPEED: round(settings.switch_speed_deg_s * per_deg),
+            Axis.SEARCH_SPEED: round(settings.search_speed_deg_s * speed_units),
+            Axis.SWITCH_SPEED: round(settings.switch_speed_deg_s * speed_units),
         }
         if settings.encoder:
             deviation = settings.stop_at_deviation_deg * per_deg * settings.encoder_counts_per_microstep

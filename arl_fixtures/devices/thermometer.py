@@ -29,7 +29,7 @@ class DconSettings(DconWire):
     """Patience with a DCON module; times on the bench clock."""
 
     timeout_s: float = Field(default=0.5, gt=0, description="58 characters at 9600 baud take 60 ms")
-    retries: int = Field(default=1, ge=0)
+    retries: int = Field(default=1, ge=0, description="how often a question is asked again")
     quiet_s: float = Field(default=3.0, ge=0, description="no answer is later than this")
     type_code: int = Field(default=dcon.TYPE_K, ge=0, le=255, description="thermocouple type the module must have")
     open_wire_query: bool = Field(default=False, description="ask $AAB for open wires (ADAM-4019+ and alike)")

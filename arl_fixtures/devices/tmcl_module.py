@@ -22,8 +22,8 @@ from arl_fixtures.protocols.tmcl import Axis, Command, Request, StatusCode, Tmcl
 class TmclModuleSettings(TmclWire):
     """Patience with a module; times on the bench clock."""
 
-    timeout_s: float = Field(default=0.25, gt=0)
-    retries: int = Field(default=1, ge=0)
+    timeout_s: float = Field(default=0.25, gt=0, description="for one answer")
+    retries: int = Field(default=1, ge=0, description="how often a question is asked again")
     nonce_variable: int | None = Field(
         default=51, ge=0, le=55, description="user variable for the fence; null: be quiet for quiet_s instead"
     )

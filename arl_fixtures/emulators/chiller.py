@@ -26,24 +26,24 @@ _PLAIN: Final = {0x12: 1, 0x13: 0, 0x15: 0, 0x17: 0}
 class ChillerEmulatorSettings(FileModel):
     """What the emulated thermostat is like; defaults suit the nominal bench."""
 
-    setpoint_min_c: float = -40.0
-    setpoint_max_c: float = 110.0
+    setpoint_min_c: float = Field(default=-40.0, description="lower values are clamped")
+    setpoint_max_c: float = Field(default=110.0, description="higher values are clamped")
     setpoint_start_c: float = Field(default=20.0, description="the panel's value, taken after power-up")
     setpoint_ramp_k_per_min: float = Field(default=math.inf, gt=0, description="limit on the set-point in effect")
-    bath_noise_k: float = Field(default=0.01, ge=0)
-    serial: int = Field(default=423_117, ge=0, lt=2**32)
-    pump_rpm: int = Field(default=3500, ge=0, le=32000)
+    bath_noise_k: float = Field(default=0.01, ge=0, description="one standard deviation, new each second")
+    serial: int = Field(default=423_117, ge=0, lt=2**32, description="serial number")
+    pump_rpm: int = Field(default=3500, ge=0, le=32000, description="pump speed after power-up")
     pump_head_mbar: float = Field(default=350.0, ge=0, description="above atmosphere, at the default speed")
-    level_percent: float = Field(default=82.0, ge=0, le=100)
-    level_warning_percent: float = 10.0
-    level_stop_percent: float = 5.0
-    level_warning_code: int = Field(default=-2098, lt=0)
-    maintenance_days: int = Field(default=200, ge=0, le=32766)
-    reply_delay_s: float = Field(default=0.02, ge=0)
+    level_percent: float = Field(default=82.0, ge=0, le=100, description="fill level")
+    level_warning_percent: float = Field(default=10.0, description="below it warns")
+    level_stop_percent: float = Field(default=5.0, description="below it stops the pump with error -75")
+    level_warning_code: int = Field(default=-2098, lt=0, description="code of that warning")
+    maintenance_days: int = Field(default=200, ge=0, le=32766, description="until maintenance")
+    reply_delay_s: float = Field(default=0.02, ge=0, description="from question to answer")
     silent_after_start_s: float = Field(default=0.0, ge=0, description="Petite Fleur: 10")
     silent_after_circulation_s: float = Field(default=0.0, ge=0, description="Petite Fleur: 5")
     lower_case: bool = Field(default=False, description="hexadecimal digits of answers")
-    boot_s: float = Field(default=5.0, ge=0)
+    boot_s: float = Field(default=5.0, ge=0, description="deaf after power-up")
 
 
 @final

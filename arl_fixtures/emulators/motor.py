@@ -41,12 +41,12 @@ class SearchProcedure(Enum):
 class MotorSettings(FileModel):
     """What motor and stage are like; angles are true angles, clockwise positive."""
 
-    full_steps: int = Field(default=200, gt=0)
-    gear: float = Field(default=72.0, gt=0)
-    clockwise_sign: Literal[1, -1] = 1
-    low_switch_deg: float = -75.0
-    high_switch_deg: float = 75.0
-    home_switch_deg: float = 0.0
+    full_steps: int = Field(default=200, gt=0, description="per motor turn")
+    gear: float = Field(default=72.0, gt=0, description="motor turns per stage turn")
+    clockwise_sign: Literal[1, -1] = Field(default=1, description="direction of the counter for a clockwise turn")
+    low_switch_deg: float = Field(default=-75.0, description="limit switch at the small end")
+    high_switch_deg: float = Field(default=75.0, description="limit switch at the large end")
+    home_switch_deg: float = Field(default=0.0, description="where the home switch changes")
     search_procedures: dict[int, SearchProcedure] = Field(
         default_factory=lambda: {
             1: SearchProcedure.LEFT_SWITCH,
@@ -57,7 +57,7 @@ class MotorSettings(FileModel):
     )
     speed_deg_s: float = Field(default=20.0, gt=0, description="parameter 4 after power-up")
     acceleration_deg_s2: float = Field(default=100.0, gt=0, description="parameter 5 after power-up")
-    encoder_counts_per_microstep: float = Field(default=1.0, gt=0)
+    encoder_counts_per_microstep: float = Field(default=1.0, gt=0, description="unit of parameter 209")
 
 
 @final

@@ -27,21 +27,21 @@ _SECONDS_PER_HOUR: Final = 3600.0
 
 
 class PlantSettings(FileModel):
-    """What the emulated bench is like beyond its devices.
+    """What the emulated bench is like beyond its devices."""
 
-    Attributes:
-        seed: of all noise; same seed, same bytes.
-        thermal: heat capacities, conductances, chiller dynamics; one housing per DUT.
-        stage_start_deg: true stage angle at power-up, degrees clockwise.
-        idle_time_constant_h: with temperature control off, the bath drifts towards ambient this slowly.
-        coupling_step_s: longest time over which a moving coolant target is held.
-    """
-
-    seed: int = Field(default=0, ge=0)
-    thermal: ThermalSettings = ThermalSettings()
-    stage_start_deg: float = Field(default=0.0, allow_inf_nan=False)
-    idle_time_constant_h: float = Field(default=3.0, gt=0)
-    coupling_step_s: float = Field(default=10.0, gt=0)
+    seed: int = Field(default=0, ge=0, description="of all noise; same seed, same bytes")
+    thermal: ThermalSettings = Field(
+        default=ThermalSettings(), description="heat capacities, conductances, chiller dynamics; one housing per DUT"
+    )
+    stage_start_deg: float = Field(
+        default=0.0, allow_inf_nan=False, description="true stage angle at power-up, clockwise positive"
+    )
+    idle_time_constant_h: float = Field(
+        default=3.0, gt=0, description="without temperature control the bath drifts to ambient this slowly"
+    )
+    coupling_step_s: float = Field(
+        default=10.0, gt=0, description="longest time for which a moving coolant target is held"
+    )
 
 
 @final

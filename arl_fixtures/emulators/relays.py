@@ -18,18 +18,16 @@ from arl_fixtures.yaml_model import FileModel
 
 
 class RelaysEmulatorSettings(FileModel):
-    """What the emulated board is like.
+    """What the emulated board is like."""
 
-    `loads` is how the board is really wired (load of the plant to relay, from 1); without it, as the driver's
-    settings say.
-    """
-
-    loads: dict[str, int] | None = None
-    firmware: int = Field(default=0x10, ge=0, le=255)
-    reply_delay_s: float = Field(default=0.02, ge=0)
-    baud: int = Field(default=19200, gt=0)
+    loads: dict[str, int] | None = Field(
+        default=None, description="how it is really wired, load to relay; null: as the driver believes"
+    )
+    firmware: int = Field(default=0x10, ge=0, le=255, description="in the answer to SETUP")
+    reply_delay_s: float = Field(default=0.02, ge=0, description="from question to answer, without the line")
+    baud: int = Field(default=19200, gt=0, description="how long answers take on the line")
     frame_timeout_s: float = Field(default=0.1, gt=0, description="a half frame is forgotten after this")
-    boot_s: float = Field(default=1.0, ge=0)
+    boot_s: float = Field(default=1.0, ge=0, description="deaf after a reset")
 
 
 @final

@@ -21,13 +21,13 @@ _MOVE_TYPES: Final = frozenset(int(kind) for kind in MoveType)
 class StageEmulatorSettings(MotorSettings):
     """What the emulated module is like, beside its motor and stage."""
 
-    module_number: int = Field(default=1240, ge=0, le=0xFFFF)
-    version: tuple[int, int] = (1, 5)
-    version_text: str = Field(default="1240V105", min_length=8, max_length=8)
-    baud: int = Field(default=115200, gt=0)
-    reply_delay_s: float = Field(default=0.0005, ge=0)
+    module_number: int = Field(default=1240, ge=0, le=0xFFFF, description="in the binary version")
+    version: tuple[int, int] = Field(default=(1, 5), description="in the binary version")
+    version_text: str = Field(default="1240V105", min_length=8, max_length=8, description="version as text")
+    baud: int = Field(default=115200, gt=0, description="how long answers take on the line")
+    reply_delay_s: float = Field(default=0.0005, ge=0, description="from question to answer, without the line")
     telegram_pause_s: float = Field(default=0.05, gt=0, description="a half frame is forgotten after this")
-    boot_s: float = Field(default=0.5, ge=0)
+    boot_s: float = Field(default=0.5, ge=0, description="deaf after power-up")
 
 
 @final

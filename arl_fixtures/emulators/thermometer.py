@@ -26,25 +26,26 @@ _SOURCE: Final = re.compile(r"ambient|plate|coolant|open|housing_[1-9][0-9]*")
 
 
 class ThermometerEmulatorSettings(FileModel):
-    """What the emulated module is like.
+    """What the emulated module is like, and what its thermocouples are stuck to."""
 
-    `sources` says what each channel measures: `ambient`, `plate`, `coolant`, `housing_1` …, or `open`; channels
-    beyond the list are open. Noise is in kelvin, one standard deviation, new each `period_s`.
-    """
-
-    sources: tuple[str, ...] = ("ambient", "plate", "housing_1", "housing_2", "housing_3")
+    sources: tuple[str, ...] = Field(
+        default=("ambient", "plate", "housing_1", "housing_2", "housing_3"),
+        description="of each channel: ambient, plate, coolant, housing_1 …, or open; channels beyond are open",
+    )
     offsets_k: tuple[float, ...] = Field(default=(), description="error of each channel; zero beyond the list")
-    noise_k: float = Field(default=0.1, ge=0)
-    resolution_k: float = Field(default=0.1, gt=0)
-    period_s: float = Field(default=0.1, gt=0)
-    range_dialect: RangeDialect = "icp"
+    noise_k: float = Field(default=0.1, ge=0, description="one standard deviation, new each period_s")
+    resolution_k: float = Field(default=0.1, gt=0, description="values are rounded to it")
+    period_s: float = Field(default=0.1, gt=0, description="between two conversions")
+    range_dialect: RangeDialect = Field(default="icp", description="text of a value out of range; adam ends at 0 °C")
     open_wire_query: bool = Field(default=False, description="answers $AAB with a mask of open wires")
-    type_code: int = Field(default=dcon.TYPE_K, ge=0, le=255)
-    baud: Literal[1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200] = 9600
-    name: str = Field(default="7018", pattern=r"^[0-9A-Z+-]{1,8}$")
-    firmware: str = Field(default="B1.2", pattern=r"^[0-9A-Z.]{1,8}$")
-    reply_delay_s: float = Field(default=0.005, ge=0)
-    boot_s: float = Field(default=1.0, ge=0)
+    type_code: int = Field(default=dcon.TYPE_K, ge=0, le=255, description="thermocouple type, 15 = K")
+    baud: Literal[1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200] = Field(
+        default=9600, description="how long answers take on the line"
+    )
+    name: str = Field(default="7018", pattern=r"^[0-9A-Z+-]{1,8}$", description="answer to $AAM")
+    firmware: str = Field(default="B1.2", pattern=r"^[0-9A-Z.]{1,8}$", description="answer to $AAF")
+    reply_delay_s: float = Field(default=0.005, ge=0, description="from question to answer, without the line")
+    boot_s: float = Field(default=1.0, ge=0, description="deaf after power-up")
 
 
 @final

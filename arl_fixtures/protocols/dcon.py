@@ -44,8 +44,8 @@ class DconWire(FileModel):
     Modules leave the factory without checksum; here it is on, as without it a flipped digit is a temperature.
     """
 
-    address: int = Field(default=1, ge=0, le=255)
-    checksum: bool = True
+    address: int = Field(default=1, ge=0, le=255, description="of the module")
+    checksum: bool = Field(default=True, description="as set at the module")
     channels: int = Field(default=8, ge=1, le=16, description="channels in the answer to #AA, used or not")
 
 

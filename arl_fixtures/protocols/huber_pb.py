@@ -87,10 +87,12 @@ SerialWordOrder = Literal["1b_high", "1c_high"]
 class PbWire(FileModel):
     """What sources disagree about, to be set to what the device at hand does; both sides of the wire use it."""
 
-    status_bit_order: StatusBitOrder = "lsb"
-    serial_word_order: SerialWordOrder = "1b_high"
+    status_bit_order: StatusBitOrder = Field(default="lsb", description="which end of status word 1 is bit 0")
+    serial_word_order: SerialWordOrder = Field(
+        default="1b_high", description="which serial number word is the high one"
+    )
     pressure_mbar_per_count: float = Field(default=1.0, gt=0, description="1: whole mbar absolute; 0.01: as `huber`")
-    process_address: Literal[0x07, 0x3A] = 0x07
+    process_address: Literal[0x07, 0x3A] = Field(default=0x07, description="of the process temperature: 7 or 58 (3A)")
 
 
 class Request(NamedTuple):

@@ -26,9 +26,9 @@ VALUE_MAX: Final = 2**31 - 1
 class TmclWire(FileModel):
     """What both sides of the line must agree on."""
 
-    module_address: int = Field(default=1, ge=0, le=255)
-    host_address: int = Field(default=2, ge=0, le=255)
-    motor: int = Field(default=0, ge=0, le=5)
+    module_address: int = Field(default=1, ge=0, le=255, description="global parameter 66")
+    host_address: int = Field(default=2, ge=0, le=255, description="global parameter 76")
+    motor: int = Field(default=0, ge=0, le=5, description="of a module with several")
 
 
 class Command(IntEnum):
