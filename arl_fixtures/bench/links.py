@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from operator import itemgetter
 from typing import Protocol, final, runtime_checkable
 
 from arl_fixtures.bench.clock import VirtualClock
@@ -100,10 +101,11 @@ class VirtualNetwork:
     Args:
         devices: the senders.
         clock: what makes time pass.
-        poll_s: a waiting host looks at its socket this often, so that a burst of packets is one read.
+        poll_s: a waiting host looks at its socket this long after something came: long enough to take the burst in
+            which sensors send a frame in one read, short enough to be done before their next one begins.
     """
 
-    def __init__(self, devices: Sequence[DatagramDevice], clock: VirtualClock, *, poll_s: float = 0.040) -> None:
+    def __init__(self, devices: Sequence[DatagramDevice], clock: VirtualClock, *, poll_s: float = 0.016) -> None:
         self._devices, self._clock, self._poll_s = tuple(devices), clock, poll_s
         self._sent_until_s = clock.now_s
         self._queues: dict[int, deque[Datagram]] = {}
@@ -140,15 +142,18 @@ class VirtualNetwork:
         now_s = self._clock.now_s
         if now_s <= self._sent_until_s:
             return
-        arrivals = [
-            (outgoing.time_s, order, port, Datagram(outgoing.data, device.address, outgoing.time_s))
-            for order, device in enumerate(self._devices)
-            for port, outgoing in device.send(self._sent_until_s, now_s)
-            if port in self._queues
-        ]
-        arrivals.sort(key=lambda arrival: arrival[:2])
-        for _, _, port, datagram in arrivals:
-            self._queues[port].append(datagram)
+        queues, arrivals = self._queues, []
+        for device in self._devices:
+            address = device.address
+            arrivals += [
+                (time_s, port, Datagram(data, address, time_s))
+                for port, (time_s, data) in device.send(self._sent_until_s, now_s)
+                if port in queues
+            ]
+        # stable: at equal times the order of the devices
+        arrivals.sort(key=itemgetter(0))
+        for _, port, datagram in arrivals:
+            queues[port].append(datagram)
         self._sent_until_s = now_s
 
 

@@ -354,13 +354,13 @@ class HflReceiver:
 
 def _same_pixels(frames: Sequence[AssembledFrame]) -> bool:
     """Whether all frames carry the same pixels, in the rows that they all have."""
-    first = frames[0].rows
-    common = [row for row in range(ROWS) if all(frame.rows[row] is not None for frame in frames)]
-    # noise makes the very first row differ in a sensor that is alive, so this ends there
-    return bool(common) and all(
-        _pixels(frame.rows[row]) == _pixels(first[row]) for row in common for frame in frames[1:]
-    )
-
-
-def _pixels(row: bytes | None) -> bytes:
-    return b"" if row is None else row[PIXELS]
+    compared = False
+    for row in zip(*(frame.rows for frame in frames), strict=True):
+        present = [payload[PIXELS] for payload in row if payload is not None]
+        if len(present) < len(frames):
+            continue
+        # noise makes the very first row differ in a sensor that is alive, so this ends there
+        if any(pixels != present[0] for pixels in present):
+            return False
+        compared = True
+    return compared

@@ -335,12 +335,10 @@ class DutEmulator:
         return start_s + settings.readout_delay_s
 
     def _is_mute(self, time_s: float) -> bool:
-        faults = self._plant.faults
-        if not faults.faults:
-            return False
-        return any(
-            faults.active(self._name, kind, time_s) is not None
-            for kind in (FaultKind.DUT_SILENT, FaultKind.BROWN_OUT)
+        active = self._plant.faults.active
+        return (
+            active(self._name, FaultKind.DUT_SILENT, time_s) is not None
+            or active(self._name, FaultKind.BROWN_OUT, time_s) is not None
         )
 
     def _on_fault(self, fault: Fault, begins: bool, time_s: float) -> None:

@@ -41,14 +41,12 @@ class RowFaults:
             times_s: when each would leave.
         """
         sent = list(zip(times_s, rows, strict=True))
-        if not self._faults.faults:
-            return sent
         start_s = times_s[0]
-        frame = round(start_s * 1e6)
         for kind, stream in _STREAMS.items():
             fault = self._faults.active(self._device, kind, start_s)
             if fault is None:
                 continue
+            frame = round(start_s * 1e6)
             chosen = [
                 uniform(self._seed, stream, frame * len(rows) + index) < fault.amount for index in range(len(sent))
             ]

@@ -274,17 +274,16 @@ def decode_frames(rows: Sequence[bytes | None], wire: Hfl110Wire) -> Frames:
     if len(rows) % ROWS:
         raise LocalProtocolError(f"HFL110 frames consist of 32 rows, got {len(rows)} rows")
     count = len(rows) // ROWS
-    lengths = {len(row) for row in rows if row is not None}
-    layout = LAYOUT_BY_LENGTH.get(max(lengths, default=1372))
-    if layout is None or any(length not in LAYOUT_BY_LENGTH for length in lengths):
-        wrong = sorted(lengths - set(LAYOUT_BY_LENGTH))[0]
-        raise RemoteProtocolError(f"HFL110 frame packet of {wrong} bytes; expected 1372 or 1244")
-    packet = PACKETS[layout]
+    payloads = [row for row in rows if row is not None]
+    lengths = set(map(len, payloads))
+    if wrong := lengths - set(LAYOUT_BY_LENGTH):
+        raise RemoteProtocolError(f"HFL110 frame packet of {min(wrong)} bytes; expected 1372 or 1244")
+    packet = PACKETS[LAYOUT_BY_LENGTH[max(lengths, default=1372)]]
     present = np.ones(len(rows), dtype=bool)
-    if None in rows or len(lengths) > 1:
+    if len(payloads) < len(rows) or len(lengths) > 1:
         present = np.array([row is not None for row in rows], dtype=bool)
-        rows = [bytes(packet.itemsize) if row is None else _in_layout(row, packet.itemsize) for row in rows]
-    table = np.frombuffer(b"".join(row for row in rows if row is not None), dtype=packet)
+        payloads = [bytes(packet.itemsize) if row is None else _in_layout(row, packet.itemsize) for row in rows]
+    table = np.frombuffer(b"".join(payloads), dtype=packet)
     shape = (count, ROWS, COLUMNS, RETURNS)
     # bottom row first on the wire, returns side by side: turned to (n, 2, H, W), top row first
     intensity = np.ascontiguousarray(
