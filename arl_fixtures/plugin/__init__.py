@@ -1,8 +1,12 @@
-"""The pytest plugin: options, fixtures, one test per temperature step, outcome and reports."""
+"""The pytest plugin: options, fixtures, one test per temperature step, outcome and reports.
+
+It is loaded by every pytest run where it is installed, so it imports next to nothing until a cycle is asked for.
+"""
 
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Generator
 from pathlib import Path
 from types import FrameType
@@ -10,14 +14,9 @@ from typing import Any
 
 import pytest
 
-from arl_fixtures.bench.profile import load_profile
 from arl_fixtures.errors import ArlError
 from arl_fixtures.plugin import fixtures
-from arl_fixtures.plugin.allure_output import write_environment
-from arl_fixtures.plugin.campaign import session_cycles
 from arl_fixtures.plugin.options import add_options, allure_folder, read_options
-from arl_fixtures.plugin.outcome import StepFailedError
-from arl_fixtures.plugin.setup import SESSION_KEY, check_files, step_timeout_s
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -43,6 +42,9 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """One test per temperature step, for every test that asks for `cycle_step`."""
     if "cycle_step" not in metafunc.fixturenames:
         return
+    from arl_fixtures.bench.profile import load_profile
+    from arl_fixtures.plugin.campaign import session_cycles
+
     options = read_options(metafunc.config)
     try:
         profile = load_profile(options.profile)
@@ -62,6 +64,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Give every step a limit on the wall clock, so that a hanging bench ends the step."""
     cycle_items = [item for item in items if item.get_closest_marker("cycle")]
     if cycle_items and _runs_cycles(config):
+        from arl_fixtures.plugin.setup import SESSION_KEY, check_files, step_timeout_s
+
         try:
             files = check_files(read_options(config), allure_folder(config))
         except ArlError as error:
@@ -79,13 +83,19 @@ def pytest_runtest_makereport(
     """Show what we raise on purpose as its message, without a traceback."""
     report = yield
     error: Any = call.excinfo.value if call.excinfo else None
-    if isinstance(error, (ArlError, StepFailedError)) and item.get_closest_marker("cycle"):
+    ours = isinstance(error, ArlError) or type(error).__name__ == "StepFailedError"
+    if ours and item.get_closest_marker("cycle"):
         report.longrepr = str(error)
     return report
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
     """Leave Allure's environment and categories beside its results."""
+    if "arl_fixtures.plugin.setup" not in sys.modules:
+        return
+    from arl_fixtures.plugin.allure_output import write_environment
+    from arl_fixtures.plugin.setup import SESSION_KEY
+
     files = session.config.stash.get(SESSION_KEY, None)
     if files is not None and files.allure_folder and Path(files.allure_folder).is_dir():
         write_environment(Path(files.allure_folder), files)

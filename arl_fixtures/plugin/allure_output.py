@@ -11,10 +11,8 @@ from pathlib import Path
 from typing import Final
 
 import allure
-import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
-from matplotlib.figure import Figure
 
 import arl_fixtures
 from arl_fixtures.metrics.step import StepData
@@ -54,10 +52,14 @@ def describe(result: StepResult, rows: Sequence[Row], files: SessionFiles) -> No
 
 def figure(result: StepResult) -> bytes:
     """One PNG of bounded size: per DUT the mean intensity and the median distance error of each pixel."""
+    # a second of import that only Allure users pay
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
     with mpl.rc_context({"font.size": 7}):
         drawing = Figure(figsize=FIGURE_INCHES, dpi=FIGURE_DPI)
         # fixed places: laying out automatically draws everything three times
-        drawing.subplots_adjust(left=0.03, right=0.99, bottom=0.06, top=0.94, wspace=0.08, hspace=0.25)
+        drawing.subplots_adjust(left=0.035, right=0.95, bottom=0.06, top=0.94, wspace=0.25, hspace=0.25)
         axes = drawing.subplots(2, len(result.steps), squeeze=False)
         for column, (serial, data) in enumerate(result.steps.items()):
             for row, (label, image) in enumerate(_maps(data)):

@@ -1,28 +1,32 @@
-"""Session fixtures: the bench, its devices, the twin, and the cycle that runs on them."""
+"""Session fixtures: the bench, its devices, the twin, and the cycle that runs on them.
+
+Imports stand inside the fixtures: a pytest session that uses none of them must not pay for numpy and its friends.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import pytest
 
-from arl_fixtures.bench.bench import Bench, Duts
-from arl_fixtures.bench.build import open_bench
-from arl_fixtures.bench.profile import CycleStep
-from arl_fixtures.devices.interfaces import Chiller, Relays, Stage, Thermometer
-from arl_fixtures.devices.port import Clock
-from arl_fixtures.errors import ArlError
-from arl_fixtures.plugin.cycle import CycleSession, StepOutcome
-from arl_fixtures.plugin.options import allure_folder, read_options
-from arl_fixtures.plugin.progress import PytestScreen
-from arl_fixtures.plugin.resume import Past
-from arl_fixtures.plugin.setup import SESSION_KEY, SessionFiles, check_files
-from arl_fixtures.twin.frame import Renderer
+if TYPE_CHECKING:
+    from arl_fixtures.bench.bench import Bench, Duts
+    from arl_fixtures.bench.profile import CycleStep
+    from arl_fixtures.devices.interfaces import Chiller, Relays, Stage, Thermometer
+    from arl_fixtures.devices.port import Clock
+    from arl_fixtures.plugin.cycle import CycleSession, StepOutcome
+    from arl_fixtures.plugin.resume import Past
+    from arl_fixtures.plugin.setup import SessionFiles
+    from arl_fixtures.twin.frame import Renderer
 
 
 @pytest.fixture(scope="session")
 def bench_files(pytestconfig: pytest.Config) -> SessionFiles:
     """Bench, profile and limits of the session, checked."""
+    from arl_fixtures.plugin.options import allure_folder, read_options
+    from arl_fixtures.plugin.setup import SESSION_KEY, check_files
+
     if SESSION_KEY not in pytestconfig.stash:
         pytestconfig.stash[SESSION_KEY] = check_files(read_options(pytestconfig), allure_folder(pytestconfig))
     return pytestconfig.stash[SESSION_KEY]
@@ -31,12 +35,17 @@ def bench_files(pytestconfig: pytest.Config) -> SessionFiles:
 @pytest.fixture(scope="session")
 def past(bench_files: SessionFiles) -> Past:
     """What an interrupted session left, with `--resume`; else nothing."""
+    from arl_fixtures.plugin.resume import Past
+
     return Past.of(bench_files.options.out, resume=bench_files.options.resume)
 
 
 @pytest.fixture(scope="session")
 def bench(request: pytest.FixtureRequest, bench_files: SessionFiles, past: Past) -> Iterator[Bench]:
     """The bench of `--bench`, opened. However the session ends, it is left safe."""
+    from arl_fixtures.bench.build import open_bench
+    from arl_fixtures.errors import ArlError
+
     try:
         bench = open_bench(bench_files.bench, start_s=past.start_s)
     except ArlError as error:
@@ -88,6 +97,8 @@ def duts(bench: Bench) -> Duts:
 @pytest.fixture(scope="session")
 def twin(bench_files: SessionFiles) -> dict[str, Renderer]:
     """The nominal simulation of each DUT, by serial number."""
+    from arl_fixtures.twin.frame import Renderer
+
     config = bench_files.bench
     return {dut.serial: Renderer(dut, config.scene) for dut in config.dut_settings}
 
@@ -97,6 +108,10 @@ def cycle_session(
     request: pytest.FixtureRequest, bench: Bench, bench_files: SessionFiles, past: Past
 ) -> Iterator[CycleSession]:
     """The cycle under way: bench started, reference recorded, journal open."""
+    from arl_fixtures.errors import ArlError
+    from arl_fixtures.plugin.cycle import CycleSession
+    from arl_fixtures.plugin.progress import PytestScreen
+
     plan = planned_steps(request.session.items)
     session = CycleSession(bench, bench_files, plan, past, screen=PytestScreen(request.config))
     try:

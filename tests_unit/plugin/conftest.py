@@ -1,0 +1,90 @@
+"""Child pytest sessions on a small cycle: three steps, five angles."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+PROFILE = """
+name: tiny
+load_cycle: {temperatures_c: [24, 26, 24]}
+angles: {from_deg: -9, to_deg: 9, step_deg: 4.5}
+frames: 4
+reference_c: 23
+"""
+LIMITS = """
+name: tiny
+version: 1
+limits:
+  - {metric: dead_pixels, unit: "1", upper: 4000, reason: few}
+"""
+TEST = """
+import pytest
+from arl_fixtures.plugin.outcome import raise_for
+
+@pytest.mark.cycle
+@pytest.mark.usefixtures("cycle_step")
+def test_step(step_outcome):
+    raise_for(step_outcome.verdict, step_outcome.rows, step_outcome.reason)
+"""
+
+
+@dataclass
+class Session:
+    """A folder in which child sessions run."""
+
+    folder: Path
+
+    def command(self, *options):
+        return [
+            sys.executable, "-m", "pytest", "-m", "cycle", "-p", "no:cacheprovider", "-q", "--profile", "tiny.yaml",
+            "--limits", "limits.yaml", "--out", "out", *options,
+        ]  # fmt: skip
+
+    def environment(self):
+        return {**os.environ, "OMP_NUM_THREADS": "1"}
+
+    def run(self, *options, check=None, **how):
+        done = subprocess.run(
+            self.command(*options), cwd=self.folder, env=self.environment(), capture_output=True, text=True,
+            timeout=120, check=False, **how,
+        )  # fmt: skip
+        if check is not None:
+            assert done.returncode == check, done.stdout + done.stderr
+        return done
+
+    def write(self, name, text):
+        (self.folder / name).write_text(text, encoding="utf-8")
+
+    def limit(self, text):
+        """A limits file with one limit."""
+        self.write("limits.yaml", f"name: one\nversion: 1\nlimits:\n  - {{{text}, reason: test}}\n")
+
+    def bench(self, extra):
+        """A bench file: the embedded one with some lines more."""
+        source = Path(__file__).parents[2] / "arl_fixtures/data/benches/emulated.yaml"
+        text = source.read_text(encoding="utf-8").replace("../duts/", str(source.parent.parent / "duts") + "/")
+        head, _, _ = text.partition("emulation:")
+        self.write("bench.yaml", head + extra)
+        return "--bench=bench.yaml"
+
+    def journal(self, number=1):
+        lines = (self.folder / f"out/session-{number:04d}.jsonl").read_text(encoding="utf-8").splitlines()
+        return [json.loads(line) for line in lines]
+
+    def of_type(self, kind, number=1):
+        return [line for line in self.journal(number) if line["type"] == kind]
+
+
+@pytest.fixture
+def session(tmp_path):
+    session = Session(tmp_path)
+    session.write("tiny.yaml", PROFILE)
+    session.write("limits.yaml", LIMITS)
+    session.write("test_cycle_here.py", TEST)
+    session.write("pytest.ini", "[pytest]\n")
+    return session

@@ -1,0 +1,158 @@
+"""A cycle as its user meets it: what passes, what fails, what is INVALID, and what is left behind."""
+
+import resource
+import signal
+import subprocess
+from xml.etree import ElementTree
+
+import pytest
+
+
+def test_a_cycle_leaves_journal_bags_and_junit_and_the_next_one_counts_on(session):
+    done = session.run("--junitxml=out/junit.xml", check=0)
+    assert "c0000-01-up+26C" in done.stdout
+    assert [end["verdict"] for end in session.of_type("step_end")] == ["PASS"] * 4
+    assert session.journal()[-1]["reason"] == "finished"
+    bags = {path.name for path in (session.folder / "out/bags").iterdir()}
+    assert bags == {"c0000-reference+23C", "c0000-00-up+24C", "c0000-01-up+26C", "c0000-02-down+24C"}
+    cases = list(ElementTree.parse(session.folder / "out/junit.xml").iter("testcase"))
+    names = [{each.get("name") for each in case.iter("property")} for case in cases]
+    assert len(cases) == 3
+    assert all("ARL-EMU-0001.dead_pixels" in found for found in names)
+    session.run("-k", "00-up", check=0)
+    assert session.of_type("session_begin", 2)[0]["cycles"] == [1]
+
+
+def test_same_seed_same_bytes(session):
+    session.run("--out=a", check=0)
+    session.run("--out=b", check=0)
+    bags = [sorted((session.folder / out).glob("bags/*/*.mcap")) for out in "ab"]
+    first, second = ([path.read_bytes() for path in found] for found in bags)
+    assert len(first) == 4
+    assert first == second
+
+
+def test_all_exceeded_limits_stand_in_one_table(session):
+    session.limit('metric: dead_pixels, unit: "1", upper: 0')
+    done = session.run("-k", "00-up", "--junitxml=out/junit.xml", check=1)
+    table = [line for line in done.stdout.splitlines() if "dead_pixels" in line and line.rstrip().count("FAIL")]
+    assert {line.split()[0] for line in table} >= {"ARL-EMU-0001", "ARL-EMU-0002"}
+    assert "Traceback" not in done.stdout
+    assert len(list(ElementTree.parse(session.folder / "out/junit.xml").iter("failure"))) == 1
+
+
+def test_a_step_that_does_not_settle_is_invalid_and_names_the_sensor(session):
+    bench = session.bench("settle: {tolerance_k: 0.5, hold_s: 10, time_limit_s: 240}\n")
+    session.write("tiny.yaml", (session.folder / "tiny.yaml").read_text().replace("[24, 26, 24]", "[23, 60]"))
+    done = session.run(bench, "--junitxml=out/junit.xml", check=1)
+    root = ElementTree.parse(session.folder / "out/junit.xml").getroot()
+    assert len(list(root.iter("failure"))) == 0
+    (error,) = root.iter("error")
+    assert "INVALID" in error.get("message")
+    assert "T" in done.stdout
+    assert "from 60 °C" in done.stdout
+    assert session.of_type("step_end")[-1]["verdict"] == "INVALID"
+
+
+@pytest.mark.parametrize(
+    ("extra", "place", "said"),
+    [
+        ("settel: {hold_s: 1}\n", "bench.yaml:22:1", "unknown key 'settel'; did you mean 'settle'?"),
+        ("settle: {hold_s: -1}\n", "bench.yaml:22:18", "greater than or equal to 0"),
+        ("settle: {hold_s: 1, hold_s: 2}\n", "bench.yaml:22", "duplicate key"),
+    ],
+)
+def test_a_wrong_bench_file_is_one_line_with_its_place(session, extra, place, said):
+    bench = session.bench(extra)
+    lines = (session.folder / "bench.yaml").read_text().splitlines()
+    place = place.replace(":22", f":{lines.index(extra.strip()) + 1}")
+    done = session.run(bench)
+    assert done.returncode == 4
+    message = [line for line in done.stderr.splitlines() if place in line]
+    assert message, done.stderr
+    assert said in message[0]
+    assert "Traceback" not in done.stderr + done.stdout
+    assert not (session.folder / "out").exists()
+
+
+def test_unknown_driver_and_foreign_unit_are_refused_before_anything_moves(session):
+    bench = session.bench("")
+    text = (session.folder / "bench.yaml").read_text().replace("huber_pb", "hubber_pb")
+    session.write("bench.yaml", text)
+    done = session.run(bench)
+    assert done.returncode == 4
+    assert "did you mean 'huber_pb'?" in done.stderr
+    session.limit("metric: distance_scatter, unit: K, upper: 1")
+    done = session.run()
+    assert done.returncode != 0
+    assert not (session.folder / "out/bags").exists()
+
+
+def test_a_device_that_never_answers_ends_the_session_safely_and_the_rest_is_not_run(session):
+    bench = session.bench("emulation:\n  faults: [{device: stage, kind: silence, start_s: 600}]\n")
+    done = session.run(bench)
+    assert done.returncode != 0
+    assert "stage" in done.stdout
+    assert "Traceback" not in done.stdout
+    ends = session.of_type("step_end")
+    assert any(not end["finished"] for end in ends)
+    assert session.journal()[-1]["type"] == "session_end"
+    assert session.journal()[-1]["verdict"] in {"NOT_RUN", "INVALID"}
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing_that_looks_whole(session):
+    def small_files():
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
+
+    done = session.run(preexec_fn=small_files)
+    assert done.returncode != 0
+    assert "cannot write" in done.stdout
+    assert "Traceback" not in done.stdout
+    bags = list((session.folder / "out/bags").iterdir())
+    assert all(path.name.endswith(".part") for path in bags)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_signals_end_the_session_with_its_journal_closed_and_the_bench_safe(session, number):
+    child = start_until(session, "settle", 2)
+    child.send_signal(number)
+    out, _ = child.communicate(timeout=60)
+    assert child.returncode == 2, out
+    assert session.journal()[-1]["type"] == "session_end"
+    assert "could NOT be verified" not in out
+
+
+def test_resume_after_a_kill_gives_what_an_undisturbed_cycle_gives(session):
+    session.run("--out=whole", check=0)
+    child = start_until(session, "settle", 3)
+    child.kill()
+    child.communicate(timeout=60)
+    session.run("--resume", check=0)
+    resumed = {line["step_id"]: line for line in session.of_type("bag")}
+    undisturbed = {path.name for path in (session.folder / "whole/bags").iterdir()}
+    assert set(resumed) == undisturbed
+    ends = [line for line in session.of_type("step_end") if line["finished"]]
+    assert len(ends) == len({line["step_id"] for line in ends}) == 4
+
+
+def test_resume_refuses_another_profile_and_says_what_differs(session):
+    session.run("-k", "00-up", check=0)
+    session.write("tiny.yaml", (session.folder / "tiny.yaml").read_text().replace("frames: 4", "frames: 5"))
+    done = session.run("--resume")
+    assert done.returncode != 0
+    assert "profile 'tiny' has changed" in done.stdout
+
+
+def start_until(session, kind, count):
+    """Start a session and return when its journal holds `count` lines of a type."""
+    child = subprocess.Popen(
+        session.command("-s"), cwd=session.folder, env=session.environment(), stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+    journal = session.folder / "out/session-0001.jsonl"
+    # the child's own progress lines wake us: no line is read twice, nothing sleeps
+    for _ in child.stdout:
+        if journal.is_file() and journal.read_text(encoding="utf-8").count(f'"type":"{kind}"') >= count:
+            break
+    return child
