@@ -147,9 +147,11 @@ class HflReceiver:
         Raises:
             DutSilentError: DUTs sent nothing or too little; names serial numbers and addresses.
             FrozenFrameError: DUTs repeat one frame.
-            LocalProtocolError: a serial number is not configured.
+            LocalProtocolError: a serial number is not configured, or no frame is asked for.
         """
         wanted = [self._sensor(serial) for serial in serials]
+        if n_frames < 1:
+            raise LocalProtocolError(f"cannot collect {n_frames} frames; at least 1 is needed")
         clock, settings = self._clock, self._settings
         start_s = clock.now_s
         not_before_s = max(not_before_s, start_s - LONGEST_BACKLOG_S)
@@ -158,8 +160,10 @@ class HflReceiver:
         for sensor in self._sensors.values():
             sensor.assembler.reset()
             sensor.frames = []
+        # no packet that comes before then belongs to a frame that counts
+        clock.sleep(min(from_s, deadline_s) - start_s)
         self._ports.frames.discard(from_s)
-        missing = [sensor for sensor in wanted if n_frames > 0]
+        missing = wanted
         while missing:
             now_s = clock.now_s
             if now_s >= deadline_s or self._hopeless(missing, start_s, now_s):
@@ -240,7 +244,7 @@ class HflReceiver:
         self._listened_s = now_s = self._clock.now_s
         for address, mine in packets.items():
             sensor = self._by_address[address]
-            finished = sensor.assembler.feed(mine) if mine else []
+            finished = sensor.assembler.feed(mine)
             if mine:
                 sensor.last_packet_s = mine[-1][1]
                 sensor.last_length = len(mine[-1][0])

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections import OrderedDict, deque
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal, final
 
 from arl_fixtures.protocols.hfl110 import CALIBRATION, LAYOUT_BY_LENGTH, NUMBERS, NUMBERS_OFFSET, ROWS
 
 REMEMBERED_FRAMES: Final = 32
-"""Numbers of finished frames, against rows that come late. A sensor that restarts counts past them in a second."""
+"""Numbers of finished frames, against rows that come late."""
+RESTART_PAUSE_S: Final = 1.0
+"""After such a pause nothing can be late any more, but a sensor may have restarted and count from 0 again."""
 OPEN_FRAMES: Final = 8
 """More unfinished frames than this can only be garbage in the number field: the oldest is given up."""
 REORDER_ROWS: Final = 8
@@ -93,13 +95,14 @@ class FrameAssembler:
         self._open: OrderedDict[int, AssembledFrame] = OrderedDict()
         self._finished: deque[int] = deque(maxlen=REMEMBERED_FRAMES)
         self._done: list[AssembledFrame] = []
+        self._heard_s = float("-inf")
         self._calibration = b""
         self._listening_begins = True
         self._last_complete: int | None = None
         self._since_complete = 0
         self._order_key, self._highest_row, self._previous_s = 0, -1, float("-inf")
 
-    def feed(self, packets: Iterable[tuple[bytes, float]]) -> list[AssembledFrame]:
+    def feed(self, packets: Sequence[tuple[bytes, float]]) -> list[AssembledFrame]:
         """Take packets in the order of their arrival.
 
         Args:
@@ -108,13 +111,17 @@ class FrameAssembler:
         Returns:
             Frames that are finished, in the order in which they began.
         """
+        if not packets:
+            return self._take()
+        if packets[0][1] - self._heard_s > RESTART_PAUSE_S:
+            self._finished.clear()
+        self._heard_s = packets[-1][1]
         unpack, lengths = NUMBERS.unpack_from, LAYOUT_BY_LENGTH
         trusted = self._numbers == "frames"
         current: AssembledFrame | None = None
         current_number = -1
-        count = malformed = 0
+        malformed = 0
         for payload, time_s in packets:
-            count += 1
             if len(payload) not in lengths:
                 malformed += 1
                 continue
@@ -138,7 +145,7 @@ class FrameAssembler:
                     current = None
             else:
                 malformed += 1
-        self.counts.packets += count
+        self.counts.packets += len(packets)
         self.counts.malformed += malformed
         return self._take()
 
@@ -158,6 +165,7 @@ class FrameAssembler:
     def reset(self) -> None:
         """Forget what is half received: the port was emptied, so it can never be complete. Counts stay."""
         self._open.clear()
+        self._finished.clear()
         self._listening_begins = True
         self._last_complete = None
         self._highest_row, self._previous_s = -1, float("-inf")

@@ -288,6 +288,8 @@ def test_what_is_not_configured_is_our_fault():
     duts, _ = receiver([])
     with pytest.raises(LocalProtocolError, match="no DUT 'SN-Z' is configured"):
         duts.collect(["SN-Z"], 1, not_before_s=0.0, timeout_s=1.0)
+    with pytest.raises(LocalProtocolError, match="at least 1"):
+        duts.collect(["SN-A"], 0, not_before_s=0.0, timeout_s=1.0)
     with pytest.raises(LocalProtocolError, match="same address"):
         receiver([], senders={"A": "1.1.1.1", "B": "1.1.1.1"})
 

@@ -145,6 +145,15 @@ def test_a_restart_of_the_sensor_is_no_loss():
     assert seen.lost_frames == 0
 
 
+def test_a_sensor_that_restarts_early_counts_the_same_numbers_again():
+    packets = stream(3)
+    assembler = FrameAssembler()
+    frames = assembler.feed(packets)
+    frames += assembler.feed([(payload, time_s + 2.0) for payload, time_s in packets])
+    assert [frame.arrived for frame in frames] == [32] * 6
+    assert assembler.counts.late_packets == 0
+
+
 def test_a_row_with_another_calibration_is_dropped():
     packets = stream(2)
     payload, time_s = packets[40]
