@@ -116,8 +116,12 @@ class Journal:
             sequence number of the last.
         """
         time_s, utc_ns = self._clock.now_s, self._clock.utc_ns()
+        return self.append_at([(time_s, utc_ns, entry) for entry in entries])
+
+    def append_at(self, stamped: Sequence[tuple[float, int, JournalModel]]) -> int:
+        """As `append_many`, each entry with its own bench time in seconds and UTC in nanoseconds."""
         lines, prev = [], self._prev
-        for number, entry in enumerate(entries, start=self._seq):
+        for number, (time_s, utc_ns, entry) in enumerate(stamped, start=self._seq):
             lines.append(encode(number, time_s, utc_ns, prev, entry))
             prev = line_hash(lines[-1])
         block = b"".join(lines)
@@ -128,7 +132,7 @@ class Journal:
             with contextlib.suppress(OSError):
                 os.ftruncate(self._descriptor, self._size)
             raise StorageError(f"{self.path}: cannot write journal: {error.strerror}") from None
-        self._seq, self._size, self._prev = self._seq + len(entries), self._size + len(block), prev
+        self._seq, self._size, self._prev = self._seq + len(lines), self._size + len(block), prev
         return self._seq - 1
 
     def close(self) -> None:

@@ -5,9 +5,9 @@ The measurements are copied as they are, so that every report can be made from i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from arl_fixtures.errors import StorageError
 from arl_fixtures.journal.bridge import conditions_of, judgement_entry, measurement_of
@@ -38,9 +38,9 @@ class _Then:
         return self.line.utc_ns
 
 
-def rejudged_path(record: SessionRecord, limits: LimitSet) -> Path:
-    """Beside the journal it is made from, because bags are named relative to it."""
-    name = safe_file_name(f"{record.path.stem}-rejudged-{limits.name}-v{limits.version}")
+def rejudged_path(record: SessionRecord, limits: LimitSet, limits_sha256: str) -> Path:
+    """Beside the journal it is made from, because bags are named relative to it; other limits, another name."""
+    name = safe_file_name(f"{record.path.stem}-rejudged-{limits.name}-v{limits.version}-{limits_sha256[:6]}")
     return record.path.with_name(f"{name}.jsonl")
 
 
@@ -61,39 +61,61 @@ def rejudge(record: SessionRecord, limits: LimitSet, limits_sha256: str) -> Sess
     """
     identity = record.identity.model_copy(update={"limits_name": limits.name, "limits_sha256": limits_sha256})
     begin = record.begin.model_copy(update={"identity": identity, "rejudged_from": record.path.name})
-    clock = _Then(record.lines[0])
     judged = {(a.begin.step_id, a.begin.attempt): _judge(record, a, limits) for a in record.attempts}
-    path = rejudged_path(record, limits)
+    path = rejudged_path(record, limits, limits_sha256)
     if path.exists():
         raise StorageError(f"{path}: this re-judgement exists already and is not overwritten")
     part = path.with_name(path.name + PART_SUFFIX)
     part.unlink(missing_ok=True)
-    with Journal.create(part, begin, clock) as journal:
-        verdicts: list[Verdict] = []
-        for line in record.lines[1:]:
-            clock.line = line
-            entry = line.entry
-            if isinstance(entry, StepEnd):
-                judgements, verdict, reason = judged[entry.step_id, entry.attempt]
-                if entry.finished and judgements:
-                    entry = entry.model_copy(update={"verdict": verdict.value, "reason": reason})
-                if entry.finished:
-                    verdicts.append(Verdict(entry.verdict))
-                journal.append_many([*judgements, entry])
-            elif not isinstance(entry, _REPLACED):
-                journal.append(entry)
-        journal.append(SessionEnd(reason=f"re-judged from {record.path.name}", verdict=worst(verdicts).value))
+    with Journal.create(part, begin, _Then(record.lines[0])) as journal:
+        journal.append_at(list(_lines(record, judged)))
     part.rename(path)
     return Journal.read(path)
 
 
-def _judge(
-    record: SessionRecord, attempt: AttemptRecord, limits: LimitSet
-) -> tuple[Sequence[JournalModel], Verdict, str]:
+class _Judged(NamedTuple):
+    """An attempt judged anew; `verdict` is the old one where there was nothing to judge."""
+
+    entries: Sequence[JournalModel]
+    verdict: Verdict
+    reason: str
+
+
+def _lines(
+    record: SessionRecord, judged: Mapping[tuple[str, int], _Judged]
+) -> Iterator[tuple[float, int, JournalModel]]:
+    for line in record.lines[1:]:
+        entry: JournalModel = line.entry
+        if isinstance(entry, StepEnd):
+            anew = judged[entry.step_id, entry.attempt]
+            yield from ((line.time_s, line.utc_ns, each) for each in anew.entries)
+            entry = entry.model_copy(update={"verdict": anew.verdict.value, "reason": anew.reason})
+        if not isinstance(entry, _REPLACED):
+            yield line.time_s, line.utc_ns, entry
+    last = record.lines[-1]
+    verdict = worst(_step_verdict(record, step_id, judged) for step_id in record.begin.plan)
+    end = SessionEnd(reason=f"re-judged from {record.path.name}", verdict=verdict.value)
+    yield last.time_s, last.utc_ns, end
+
+
+def _step_verdict(record: SessionRecord, step_id: str, judged: Mapping[tuple[str, int], _Judged]) -> Verdict:
+    """As `StepRecord.verdict`, from the new judgements; NOT_RUN where the session never came to the step."""
+    step = record.steps.get(step_id)
+    if step is None:
+        return Verdict.NOT_RUN
+    finished = [judged[step_id, each.begin.attempt].verdict for each in step.attempts if each.finished]
+    if Verdict.FAIL in finished:
+        return Verdict.FAIL
+    return finished[-1] if finished else Verdict.INVALID
+
+
+def _judge(record: SessionRecord, attempt: AttemptRecord, limits: LimitSet) -> _Judged:
     types = {dut.serial: dut.model for dut in record.identity.duts}
     measurements = [measurement_of(entry) for entry in attempt.measurements]
     judgements = judge(measurements, limits, conditions_of(attempt), types)
-    verdict, decisive = overall(judgements)
     step_id, number = attempt.begin.step_id, attempt.begin.attempt
     entries = [judgement_entry(step_id, number, each, limits) for each in judgements]
-    return entries, verdict, "" if decisive is None else f"{decisive.measurement.name}: {decisive.reason}"
+    if not attempt.finished or not judgements:
+        return _Judged(entries, Verdict(attempt.verdict), attempt.end.reason if attempt.end else "")
+    verdict, decisive = overall(judgements)
+    return _Judged(entries, verdict, "" if decisive is None else f"{decisive.measurement.name}: {decisive.reason}")

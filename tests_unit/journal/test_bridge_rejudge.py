@@ -105,7 +105,30 @@ def test_old_measurements_are_judged_by_new_limits(
     assert attempt.measurements == next(before.attempts).measurements
     assert attempt.begin_utc_ns == next(before.attempts).begin_utc_ns
     assert after.end is not None
-    assert after.end.verdict == verdict
+    assert after.end.verdict == ("FAIL" if verdict == "FAIL" else "NOT_RUN"), "the plan has two more steps"
+
+
+def test_the_whole_session_is_judged_by_its_plan(make_journal: MakeJournal) -> None:
+    reference = sample.step_begin(0, 1).model_copy(update={"step_id": "reference", "step_index": -1})
+    entries = [
+        reference,
+        sample.step_end(0, 1, "NOT_RUN").model_copy(update={"step_id": "reference"}),
+        *(
+            entry
+            for step in range(3)
+            for entry in sample.attempt(step, 1, "FAIL")
+            if getattr(entry, "dut", "") != "SN-2"
+        ),
+    ]
+    record = Journal.read(make_journal(*entries))
+    after = rejudge(record, limits(20), "9" * 64)
+    assert [step.verdict for step in after.steps.values()] == ["NOT_RUN", "PASS", "PASS", "PASS"]
+    assert after.end is not None
+    assert after.end.verdict == "PASS"
+    old, new = ([line for line in each.lines if line.entry.type == "measurement"] for each in (record, after))
+    assert [(line.utc_ns, line.time_s, line.entry) for line in new] == [
+        (line.utc_ns, line.time_s, line.entry) for line in old
+    ]
 
 
 def test_an_unsettled_step_stays_invalid_under_any_limits(make_journal: MakeJournal, tmp_path: Path) -> None:
@@ -136,7 +159,7 @@ def test_a_limit_of_another_dimension_writes_nothing(make_journal: MakeJournal, 
 def test_rejudgements_stand_apart_in_the_history(make_journal: MakeJournal, tmp_path: Path) -> None:
     record = Journal.read(make_journal(*sample.attempt(0, 1, "FAIL")))
     after = rejudge(record, limits(20), "9" * 64)
-    assert after.path == tmp_path / "session-0001-rejudged-tight-v2.jsonl"
+    assert after.path == tmp_path / "session-0001-rejudged-tight-v2-999999.jsonl"
     assert newest_journal(tmp_path).name == "session-0001.jsonl"
     index = rebuild(tmp_path)
     assert [row.verdict for row in history(index, dut="SN-1")] == ["FAIL"]
