@@ -9,6 +9,8 @@ one file beside the folder of cases, `truth.json`, and the oracle's means in `or
 import argparse
 import hashlib
 import json
+import multiprocessing
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -40,22 +42,42 @@ def write_case(folder: Path, name: str, case: Case) -> dict[str, Any]:
 
 
 def write_batch(
-    folder: Path, seed: int, batch: list[Order], *, quiet: bool = False, rivals: tuple[Recipe, ...] = RIVALS
+    folder: Path,
+    seed: int,
+    batch: list[Order],
+    *,
+    quiet: bool = False,
+    rivals: tuple[Recipe, ...] = RIVALS,
+    workers: int = 1,
 ) -> str:
     """Write all cases of a batch and seal the answers; returns the truth file's sha256."""
-    truths = []
-    for k, order in enumerate(batch):
-        rng = np.random.default_rng([seed, k])
-        truth = write_case(folder, f"c{k:03d}", make(rng, order, rivals))
-        truths.append(truth)
-        if quiet:
-            continue
-        named = ", ".join(f"{e['nature'] or e['effect']} λ {e['lambda']:.1f}" for e in truth["effects"])
-        line = f"{truth['name']}  {truth['kind']:8s} {truth['sensor']:7s} {truth['rows']:6d} rows  {named}"
-        print(line, flush=True)
+
+    def one(k: int) -> dict[str, Any]:
+        truth = write_case(folder, f"c{k:03d}", make(np.random.default_rng([seed, k]), batch[k], rivals))
+        if not quiet:
+            named = ", ".join(f"{e['nature'] or e['effect']} λ {e['lambda']:.1f}" for e in truth["effects"])
+            line = f"{truth['name']}  {truth['kind']:8s} {truth['sensor']:7s} {truth['rows']:6d} rows  {named}"
+            print(line, flush=True)
+        return truth
+
+    if workers > 1:
+        # recipes hold functions that cannot be pickled: the children inherit them instead
+        _INHERITED.append(one)
+        with multiprocessing.get_context("fork").Pool(workers) as pool:
+            truths = pool.map(_inherited, range(len(batch)), chunksize=1)
+        _INHERITED.pop()
+    else:
+        truths = [one(k) for k in range(len(batch))]
     text = json.dumps({"seed": seed, "cases": truths}, indent=1, default=float)
     (folder / "truth.json").write_text(text)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+_INHERITED: list[Callable[[int], dict[str, Any]]] = []
+
+
+def _inherited(k: int) -> dict[str, Any]:
+    return _INHERITED[-1](k)
 
 
 def main() -> None:
@@ -63,9 +85,10 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("build/concealed"))
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--cases", type=int, default=60)
+    parser.add_argument("--workers", type=int, default=1)
     given = parser.parse_args()
     batch = orders(np.random.default_rng(given.seed), given.cases)
-    print("sha256 of truth.json:", write_batch(given.out, given.seed, batch))
+    print("sha256 of truth.json:", write_batch(given.out, given.seed, batch, workers=given.workers))
 
 
 if __name__ == "__main__":

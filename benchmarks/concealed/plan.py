@@ -42,8 +42,9 @@ UNKNOWN: tuple[Recipe, ...] = (
     *camera.UNKNOWN,
     *laser_curve.UNKNOWN,
 )
-# every recipe but those whose drawing is slow and whose shape nothing shares
-RIVALS = tuple(r for r in LIBRARY if r.effect not in ("optics.veiling_glare", "detector.dead_pixels"))
+# every recipe but those that are slow to render; their look-alikes stand in the recipes themselves
+SLOW = ("optics.veiling_glare", "optics.ghost", "optics.defocus", "air.multipath", "detector.dead_pixels")
+RIVALS = tuple(r for r in LIBRARY if r.effect not in SLOW)
 # effects that show on a plain sparse design, so that any two of them can share a table
 PAIRABLE = (
     "laser.power_decay",

@@ -53,7 +53,7 @@ def run(folder: Path, workers: int) -> list[Score]:
         said = ", ".join(mark.said) or (mark.failed.splitlines() or ["consistent"])[-1][:100]
         told = ", ".join(f"{e['effect']} λ {e['lambda']:.0f}" for e in truth["effects"]) or "nothing"
         good = mark.exact if mark.kind in ("single", "pair") else mark.named
-        print(f"{mark.name} {'+' if good else '-'} {mark.seconds:5.1f} s  {told}  ->  {said}", flush=True)
+        print(f"{mark.name} {'+' if good else '-'} {mark.cpu_seconds:5.1f} s  {told}  ->  {said}", flush=True)
         return mark
 
     with ThreadPoolExecutor(workers) as pool:
@@ -76,7 +76,8 @@ def main() -> None:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         batch = stated(np.random.default_rng(seed), given.scale)
-        print("sealed, sha256 of truth.json:", write_batch(folder, seed, batch, quiet=True), flush=True)
+        seal = write_batch(folder, seed, batch, quiet=True, workers=given.workers)
+        print("sealed, sha256 of truth.json:", seal, flush=True)
     scores = run(folder, given.workers)
     lines = figures(scores)
     minutes = (time.perf_counter() - start) / 60

@@ -64,6 +64,7 @@ class Score:
     region: float | None = None
     explained: float | None = None
     seconds: float = 0.0
+    cpu_seconds: float = 0.0
     failed: str = ""
     parameters: list[tuple[str, float, bool]] = field(default_factory=list)
 
@@ -145,6 +146,7 @@ def score(truth: dict[str, Any], folder: Path, answer: Answer) -> Score:
         truth=tuple(e["effect"] for e in told),
         band=told[-1]["band"] if told else "",
         seconds=answer.seconds,
+        cpu_seconds=answer.cpu_seconds,
         failed=answer.error,
     )
     if answer.diagnosis is None:

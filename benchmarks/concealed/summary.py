@@ -53,7 +53,8 @@ def figures(scores: list[Score]) -> list[Line]:
         ("unseen improvement reached, unknown (median)", _median(s.explained for s in other), "≥ 0.80"),
         ("parameter error (median)", _median(p[1] for s in one for p in s.parameters), ""),
         ("95 % intervals that cover", _rate(p[2] for s in one for p in s.parameters), "90–98 %"),
-        ("seconds per case (median)", _median((s.seconds for s in scores), " s"), ""),
+        ("CPU seconds per case (median)", _median((s.cpu_seconds for s in scores), " s"), ""),
+        ("CPU seconds, slowest case", f"{max((s.cpu_seconds for s in scores), default=0.0):.0f} s", ""),
         ("cases without an answer", str(sum(1 for s in scores if s.failed and not s.said and s.failed != "")), "0"),
     ]
     return lines
@@ -81,7 +82,7 @@ def as_markdown(lines: list[Line], scores: list[Score], heading: str) -> str:
         "",
         "## Every case",
         "",
-        "| case | kind | sensor | truth | strength | said | first right | wrong | region | unseen | s |",
+        "| case | kind | sensor | truth | strength | said | first right | wrong | region | unseen | CPU s |",
         "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for s in scores:
@@ -91,5 +92,5 @@ def as_markdown(lines: list[Line], scores: list[Score], heading: str) -> str:
             else (s.failed.replace("|", "/").strip().splitlines() or ["consistent"])[-1][:100]
         )
         cells = (s.name, s.kind, s.sensor, ", ".join(s.truth), s.band, said, s.named, s.wrong, s.region, s.explained)
-        out.append("| " + " | ".join(_cell(c) for c in cells) + f" | {s.seconds:.0f} |")
+        out.append("| " + " | ".join(_cell(c) for c in cells) + f" | {s.cpu_seconds:.0f} |")
     return "\n".join(out) + "\n"
