@@ -252,7 +252,7 @@ def _qos_text(durability: Durability) -> str:
 def _yaml(tree: object) -> str:
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
-    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # ruamel annotates None
     yaml.representer.ignore_aliases = lambda *_: True
     stream = io.StringIO()
     yaml.dump(tree, stream)

@@ -28,6 +28,8 @@ _HEAD: Final = struct.Struct("<BQ")
 _CHUNK: Final = struct.Struct("<QQQII")
 _MESSAGE: Final = struct.Struct("<HIQQ")
 _MAX_CHUNK_BYTES: Final = 1 << 30
+_PRIVATE_OPCODES: Final = 0x80
+"""From here on the format leaves opcodes to writers; readers pass over them."""
 
 
 class Message(NamedTuple):
@@ -110,7 +112,7 @@ class McapScan:
             if opcode == Opcode.DATA_END:
                 self._end(stream, start, length)
                 return
-            if opcode == 0 or opcode > Opcode.DATA_END:
+            if not 0 < opcode <= Opcode.DATA_END and opcode < _PRIVATE_OPCODES:
                 self.fault = f"no record at byte {start}"
                 return
             body = stream.read(length) if length <= _MAX_CHUNK_BYTES else b""

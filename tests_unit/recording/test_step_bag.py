@@ -228,6 +228,17 @@ def test_a_bag_resorted_by_log_time_still_reads_equal(
     assert_same_step(list(read_step(tmp_path / "sorted")[1]), blocks)
 
 
+def test_records_that_another_writer_keeps_for_itself_are_passed_over(
+    make_bag: MakeBag, blocks: list[AngleBlock]
+) -> None:
+    path = make_bag("step").path
+    file = next(path.glob("*.mcap"))
+    data = file.read_bytes()
+    after_header = 8 + 9 + int.from_bytes(data[9:17], "little")
+    file.write_bytes(data[:after_header] + b"\x81" + (5).to_bytes(8, "little") + b"hello" + data[after_header:])
+    assert_same_step(list(read_step(path)[1]), blocks)
+
+
 def test_a_missing_topic_is_named(make_bag: MakeBag, metadata: StepMetadata, tmp_path: Path) -> None:
     source = make_bag("step").path
     token = topic_tokens(metadata.duts)["SN_1"]
