@@ -24,6 +24,7 @@ DIE = (
     "plate_temperature_c",
     "coolant_temperature_c",
 )
+FIELD = ("azimuth_deg", "pixel_u", "elevation_deg", "pixel_v")
 HISTORY = ("ramp", "time_s", "step", *HOT)
 
 

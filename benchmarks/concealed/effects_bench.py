@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.concealed.designs import fine_sweep, smooth, sparse
-from benchmarks.concealed.effect import DISTANCE, INTENSITY, Effect, Parameter, sign, wide
-from benchmarks.concealed.effects_light import FIELD
+from benchmarks.concealed.effect import DISTANCE, FIELD, INTENSITY, Effect, Parameter, sign, wide
 from benchmarks.concealed.flash import Light, Reality
 from benchmarks.concealed.recipe import Recipe
 from benchmarks.concealed.rows import Design, Rows

@@ -3,8 +3,7 @@
 import numpy as np
 
 from benchmarks.concealed.designs import ageing, dense_rows, full_frame, sparse
-from benchmarks.concealed.effect import DIE, DISTANCE, HOT, INTENSITY, Effect, Parameter, sign, wide
-from benchmarks.concealed.effects_light import FIELD
+from benchmarks.concealed.effect import DIE, DISTANCE, FIELD, HOT, INTENSITY, Effect, Parameter, sign, wide
 from benchmarks.concealed.flash import Reality, illuminate
 from benchmarks.concealed.recipe import Recipe
 from benchmarks.concealed.rows import Design, Rows

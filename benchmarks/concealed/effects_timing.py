@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.concealed.designs import sparse
-from benchmarks.concealed.effect import DISTANCE, HISTORY, HOT, Effect, Parameter, sign, wide
+from benchmarks.concealed.effect import DISTANCE, FIELD, HISTORY, HOT, Effect, Parameter, sign, wide
 from benchmarks.concealed.effects_detector import BRIGHT
-from benchmarks.concealed.effects_light import FIELD
 from benchmarks.concealed.flash import Reality
 from benchmarks.concealed.recipe import Recipe
 from benchmarks.concealed.rows import Design, Rows

@@ -3,8 +3,7 @@
 import numpy as np
 
 from benchmarks.concealed.designs import ageing, dense_rows, sparse
-from benchmarks.concealed.effect import DIE, DISTANCE, HISTORY, HOT, INTENSITY, Effect, sign, wide
-from benchmarks.concealed.effects_light import FIELD
+from benchmarks.concealed.effect import DIE, DISTANCE, FIELD, HISTORY, HOT, INTENSITY, Effect, sign, wide
 from benchmarks.concealed.flash import Light, Reality, illuminate
 from benchmarks.concealed.recipe import Recipe
 from benchmarks.concealed.rows import Design, Rows

@@ -9,7 +9,9 @@ from benchmarks.concealed import (
     camera,
     effects_bench,
     effects_detector,
-    effects_light,
+    effects_laser,
+    effects_optics,
+    effects_point,
     effects_timing,
     effects_unknown,
     laser_curve,
@@ -25,12 +27,13 @@ from benchmarks.concealed.recipe import Recipe
 from benchmarks.concealed.sensor import Sensor, flash
 
 LIBRARY: tuple[Recipe, ...] = (
-    *effects_light.RECIPES,
+    *effects_laser.RECIPES,
+    *effects_optics.RECIPES,
     *effects_detector.RECIPES,
     *effects_timing.RECIPES,
     *effects_bench.RECIPES,
     *thermal_plant.RECIPES,
-    *point_sensor.RECIPES,
+    *effects_point.RECIPES,
     *zone_sensor.RECIPES,
     *camera.RECIPES,
     *laser_curve.RECIPES,
