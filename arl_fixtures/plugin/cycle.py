@@ -9,7 +9,7 @@ import pytest
 
 from arl_fixtures.bench.bench import Bench
 from arl_fixtures.bench.profile import CycleStep
-from arl_fixtures.errors import ArlError, DataError, DeviceError
+from arl_fixtures.errors import ArlError, DataError, DeviceError, StorageError
 from arl_fixtures.journal.journal import Journal
 from arl_fixtures.journal.record import AttemptRecord
 from arl_fixtures.metrics.reference import NotMeasurableError, Reference
@@ -102,6 +102,10 @@ class CycleSession:
             except DeviceError as error:
                 failures.append(f"attempt {attempt}: {error}")
                 self._recover(item, error)
+            except StorageError as error:
+                # what cannot be written would be lost at the next step too
+                item.session.shouldstop = f"nothing can be recorded, further steps are NOT RUN: {error}"
+                raise StepInvalidError(f"INVALID: {error}") from None
             else:
                 return self._done(result, item)
         self.verdicts[step.id] = Verdict.INVALID

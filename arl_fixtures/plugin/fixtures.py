@@ -48,9 +48,9 @@ def bench(request: pytest.FixtureRequest, bench_files: SessionFiles, past: Past)
 
     try:
         bench = open_bench(bench_files.bench, start_s=past.start_s)
-    except ArlError as error:
+    except ArlError:
         # without a bench no test can run: say so once
-        request.session.shouldstop = f"no bench: {error}"
+        request.session.shouldstop = "no bench, no step is run"
         raise
     yield bench
     faults = bench.close()
@@ -119,7 +119,7 @@ def cycle_session(
     except BaseException as error:
         session.close(f"did not start: {error}")
         if isinstance(error, ArlError):
-            request.session.shouldstop = f"the cycle cannot start: {error}"
+            request.session.shouldstop = "the cycle cannot start, no step is run"
         raise
     yield session
     session.close("finished" if not request.session.shouldstop else str(request.session.shouldstop))

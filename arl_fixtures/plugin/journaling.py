@@ -9,8 +9,8 @@ from pathlib import Path
 import arl_fixtures
 from arl_fixtures.bench.profile import CycleStep
 from arl_fixtures.journal import entries
+from arl_fixtures.journal.bridge import result_entries
 from arl_fixtures.journal.entries import JournalModel
-from arl_fixtures.metrics.judge import Judgement
 from arl_fixtures.metrics.limits import LimitSet
 from arl_fixtures.metrics.verdict import Verdict
 from arl_fixtures.plugin.setup import SessionFiles
@@ -74,7 +74,6 @@ def broken_off(step: CycleStep, attempt: int, reason: str) -> entries.StepEnd:
 def outcome(result: StepResult, folder: Path, limits: LimitSet) -> list[JournalModel]:
     """Everything a finished attempt leaves, in the order it came about."""
     step_id, attempt = result.step.id, result.attempt
-    at: dict[str, object] = {"step_id": step_id, "attempt": attempt}
     lines: list[JournalModel] = [
         entries.Settle(
             step_id=step_id,
@@ -96,13 +95,7 @@ def outcome(result: StepResult, folder: Path, limits: LimitSet) -> list[JournalM
                 message_count=result.bag.message_count,
             )
         )
-    seen: set[int] = set()
-    for judgement in result.judgements:
-        # a value held against two limits is one measurement with two judgements
-        if id(judgement.measurement) not in seen:
-            seen.add(id(judgement.measurement))
-            lines.append(_measurement(judgement, at))
-        lines.append(_judgement(judgement, limits, at))
+    lines += result_entries(step_id, attempt, result.judgements, limits)
     lines.append(
         entries.StepEnd(
             step_id=step_id,
@@ -114,65 +107,6 @@ def outcome(result: StepResult, folder: Path, limits: LimitSet) -> list[JournalM
         )
     )
     return lines
-
-
-def _measurement(judgement: Judgement, at: dict[str, object]) -> entries.Measurement:
-    measurement = judgement.measurement
-    quantity = measurement.quantity
-    common = {
-        **at,
-        "dut": measurement.dut,
-        "metric": measurement.metric,
-        "scope": measurement.scope,
-        "reason": measurement.reason,
-        "attempted": measurement.attempted,
-        "reference": measurement.reference,
-    }
-    if quantity is None:
-        return entries.Measurement.model_validate({**common, "value": None})
-    contributions = tuple(
-        entries.Contribution(name=part.name, u=part.u, kind=part.kind.value, dof=part.dof)
-        for part in quantity.contributions
-    )
-    return entries.Measurement.model_validate(
-        {
-            **common,
-            "value": quantity.value,
-            "unit": quantity.unit,
-            "u": quantity.u,
-            "dof": quantity.dof,
-            "contributions": contributions,
-        }
-    )
-
-
-def _judgement(judgement: Judgement, limits: LimitSet, at: dict[str, object]) -> entries.Judgement:
-    limit, measurement = judgement.limit, judgement.measurement
-    applied = None
-    if limit is not None:
-        decision = limits.decision_of(limit)
-        applied = entries.AppliedLimit(
-            unit=limit.unit,
-            lower=limit.lower,
-            upper=limit.upper,
-            severity=limit.severity.value,
-            reason=limit.reason,
-            rule=decision.rule.value,
-            coverage=decision.coverage,
-            guard_factor=decision.guard_factor,
-        )
-    return entries.Judgement.model_validate(
-        {
-            **at,
-            "dut": measurement.dut,
-            "metric": measurement.metric,
-            "scope": measurement.scope,
-            "limit": applied,
-            "verdict": judgement.verdict.value,
-            "risk": judgement.risk,
-            "reason": judgement.reason,
-        }
-    )
 
 
 def fault(error: Exception, action: str) -> entries.Fault:

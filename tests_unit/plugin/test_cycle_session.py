@@ -100,6 +100,35 @@ def test_a_device_that_never_answers_ends_the_session_safely_and_the_rest_is_not
     assert session.journal()[-1]["verdict"] in {"NOT_RUN", "INVALID"}
 
 
+def test_a_bag_that_is_already_there_is_never_overwritten(session):
+    there = session.folder / "out/bags/c0000-01-up+26C"
+    there.mkdir(parents=True)
+    (there / "precious").write_text("data")
+    done = session.run()
+    assert done.returncode != 0
+    assert "exists already and is not overwritten" in done.stdout
+    assert "Traceback" not in done.stdout
+    assert [path.name for path in there.iterdir()] == ["precious"]
+    # the steps before it are kept, those after it were not attempted
+    assert {line["step_id"] for line in session.of_type("step_begin")} == {
+        "c0000-reference+23C", "c0000-00-up+24C", "c0000-01-up+26C",
+    }  # fmt: skip
+
+
+def test_a_bench_that_is_not_there_is_said_once(session):
+    bench = session.bench("")
+    text = (session.folder / "bench.yaml").read_text()
+    for make in ("huber_pb", "dcon", "tmcl", "conrad", "hfl110"):
+        text = text.replace(f"driver: {make}, url: emulated", f'driver: {make}, url: "tcp://127.0.0.1:9"')
+    text = text.replace("url: emulated", "url: udp://127.0.0.1").replace("clock: virtual", "clock: real")
+    session.write("bench.yaml", text.replace("  emulator: {operating_every_frames: 5}\n", ""))
+    done = session.run(bench)
+    assert done.returncode != 0
+    assert done.stdout.count("chiller: tcp://127.0.0.1:9: cannot connect: Connection refused") == 1
+    assert "relays: tcp://127.0.0.1:9" in done.stdout
+    assert "Traceback" not in done.stdout
+
+
 def test_a_full_disk_is_one_line_and_leaves_nothing_that_looks_whole(session):
     def small_files():
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
