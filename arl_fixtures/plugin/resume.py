@@ -17,6 +17,7 @@ from arl_fixtures.journal.resume import check_same, damaged_bags, new_journal_pa
 from arl_fixtures.plugin.journaling import identity, session_begin
 from arl_fixtures.plugin.setup import SessionFiles
 from arl_fixtures.recording.bag_folder import PART_SUFFIX
+from arl_fixtures.recording.names import bag_name
 from arl_fixtures.recording.recover import RECOVERED_SUFFIX, recover
 
 
@@ -115,7 +116,7 @@ class Past:
 
 def _recovered(out: Path, begin: entries.StepBegin) -> list[entries.JournalModel]:
     """Keep what is whole of an unfinished attempt's bag, once."""
-    name = begin.step_id if begin.attempt == 1 else f"{begin.step_id}-attempt{begin.attempt}"
+    name = bag_name(begin.step_id, begin.attempt)
     part = out / "bags" / (name + PART_SUFFIX)
     kept = out / "bags" / (name + RECOVERED_SUFFIX)
     if not part.is_dir() or kept.exists():

@@ -25,6 +25,7 @@ from arl_fixtures.metrics.step import StepData
 from arl_fixtures.metrics.verdict import Verdict
 from arl_fixtures.recording.bag_folder import BagReceipt
 from arl_fixtures.recording.metadata import StepMetadata
+from arl_fixtures.recording.names import bag_name
 from arl_fixtures.recording.writer import StepBagWriter
 
 REFERENCE_INDEX: Final = -1
@@ -102,8 +103,7 @@ class StepRunner:
 
     def bag_path(self, step: CycleStep, attempt: int) -> Path:
         """Folder of the bag of one attempt."""
-        name = step.id if attempt == 1 else f"{step.id}-attempt{attempt}"
-        return self._bags / name
+        return self._bags / bag_name(step.id, attempt)
 
     def run(self, step: CycleStep, attempt: int, listener: Listener) -> StepResult:
         """Do one step from settling to verdict.
