@@ -26,6 +26,12 @@ class FileModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, str_strip_whitespace=True)
 
 
+class FiniteModel(FileModel):
+    """A file model in which no number may be infinite or NaN."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+
 ModelT = TypeVar("ModelT", bound=BaseModel)
 
 

@@ -32,25 +32,29 @@ NANOSECONDS: Final = 1e9
 
 
 class HflSettings(Hfl110Wire):
-    """What the receiver believes about the sensors, beyond the bytes.
+    """What the receiver believes about the sensors, beyond the bytes."""
 
-    Attributes:
-        exposure_lead_s: from the beginning of a frame's exposure to the arrival of its first packet. It is not
-            documented for the real sensor; a frame period is on the safe side, a smaller value saves waiting time
-            at each angle.
-        frame_timeout_s: an incomplete frame is given up when nothing of it has come for this long.
-        fewest_rows: a frame with fewer rows is dropped and counted.
-        silence_s: a DUT of which nothing came for this long is silent; longer than it takes to start.
-        operating_max_age_s: operating data older than this are not recorded with a frame set.
-        refuse_frozen: whether pixels that are the same in all frames of a set are an error.
-    """
-
-    exposure_lead_s: float = Field(default=FRAME_PERIOD_S, ge=0, le=1)
-    frame_timeout_s: float = Field(default=0.250, gt=0)
-    fewest_rows: int = Field(default=8, ge=1, le=ROWS)
-    silence_s: float = Field(default=3.0, gt=0)
-    operating_max_age_s: float = Field(default=1.0, gt=0)
-    refuse_frozen: bool = True
+    exposure_lead_s: float = Field(
+        default=FRAME_PERIOD_S,
+        ge=0,
+        le=1,
+        description="from the beginning of a frame's exposure to the arrival of its first packet",
+    )
+    frame_timeout_s: float = Field(
+        default=0.250, gt=0, description="an incomplete frame is given up when nothing of it has come for this long"
+    )
+    fewest_rows: int = Field(default=8, ge=1, le=ROWS, description="a frame with fewer rows is dropped and counted")
+    silence_s: float = Field(
+        default=3.0,
+        gt=0,
+        description="a DUT of which nothing came for this long is silent; longer than it takes to start",
+    )
+    operating_max_age_s: float = Field(
+        default=1.0, gt=0, description="operating data older than this are not recorded with a frame set"
+    )
+    refuse_frozen: bool = Field(
+        default=True, description="whether pixels that are the same in all frames of a set are an error"
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

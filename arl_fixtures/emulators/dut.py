@@ -31,7 +31,7 @@ from arl_fixtures.protocols.hfl110 import (
     PixelFlag,
 )
 from arl_fixtures.protocols.hfl110_telemetry import Telemetry, encode_telemetry
-from arl_fixtures.protocols.operating_record import OperatingRecord, encode_record
+from arl_fixtures.protocols.operating_record import NUMBERS, OperatingRecord, encode_record
 from arl_fixtures.twin.aging import aged
 from arl_fixtures.twin.conditions import Conditions, FrameModel, altered
 from arl_fixtures.twin.expected import Expected
@@ -40,7 +40,7 @@ from arl_fixtures.twin.noise import CountedNoise, FrameCoder, scatter
 from arl_fixtures.twin.operating import operating_data
 from arl_fixtures.twin.scene import SceneSettings
 from arl_fixtures.twin.settings import DutSettings
-from arl_fixtures.yaml_model import FileModel
+from arl_fixtures.yaml_model import FiniteModel
 
 Pixels = tuple[npt.NDArray[np.uint16], npt.NDArray[np.uint16], npt.NDArray[np.uint8]]
 """Intensity, range codes and flags of one frame, (H, W) each."""
@@ -52,34 +52,30 @@ TICKS_PER_S: Final = 1e6
 """Frame numbers of the noise are exposure times in microseconds, so that a restart does not repeat the noise."""
 
 
-class DutEmulatorSettings(FileModel):
-    """How an emulated sensor behaves in time.
+class DutEmulatorSettings(FiniteModel):
+    """How an emulated sensor behaves in time."""
 
-    Attributes:
-        frame_period_s: from exposure to exposure.
-        exposure_s: duration of an exposure.
-        readout_delay_s: from the beginning of an exposure to the first packet.
-        readout_s: in which the 32 packets leave, evenly spaced.
-        boot_s: from power-up to the first exposure.
-        phase_s: further delay of the first exposure, times the DUT's position; sensors do not run in step.
-        telemetry_period_s: from telemetry packet to telemetry packet.
-        operating_every_frames: an operating record follows every so many frames; 0 for none.
-        model_refresh_s: frame models see conditions at most this old while the stage stands.
-        hardware_revision: in the telemetry.
-        battery_v: in the telemetry.
-    """
-
-    frame_period_s: float = Field(default=FRAME_PERIOD_S, gt=0)
-    exposure_s: float = Field(default=0.010, gt=0)
-    readout_delay_s: float = Field(default=0.012, gt=0)
-    readout_s: float = Field(default=0.012, gt=0)
-    boot_s: float = Field(default=2.0, ge=0)
-    phase_s: float = Field(default=0.001, ge=0)
-    telemetry_period_s: float = Field(default=1.0, gt=0)
-    operating_every_frames: int = Field(default=1, ge=0)
-    model_refresh_s: float = Field(default=1.0, gt=0)
-    hardware_revision: int = Field(default=3, ge=0, lt=2**32)
-    battery_v: float = 12.0
+    frame_period_s: float = Field(default=FRAME_PERIOD_S, gt=0, description="from exposure to exposure")
+    exposure_s: float = Field(default=0.010, gt=0, description="duration of an exposure")
+    readout_delay_s: float = Field(
+        default=0.012, gt=0, description="from the beginning of an exposure to the first packet"
+    )
+    readout_s: float = Field(default=0.012, gt=0, description="in which the 32 packets leave, evenly spaced")
+    boot_s: float = Field(default=2.0, ge=0, description="from power-up to the first exposure")
+    phase_s: float = Field(
+        default=0.001,
+        ge=0,
+        description="further delay of the first exposure, times the DUT's position; sensors do not run in step",
+    )
+    telemetry_period_s: float = Field(default=1.0, gt=0, description="from telemetry packet to telemetry packet")
+    operating_every_frames: int = Field(
+        default=1, ge=0, description="an operating record follows every so many frames; 0 for none"
+    )
+    model_refresh_s: float = Field(
+        default=1.0, gt=0, description="frame models see conditions at most this old while the stage stands"
+    )
+    hardware_revision: int = Field(default=3, ge=0, lt=2**32, description="in the telemetry")
+    battery_v: float = Field(default=12.0, description="in the telemetry")
 
     @model_validator(mode="after")
     def _fits_into_its_period(self) -> Self:
@@ -107,7 +103,7 @@ class DutEmulator:
         cycle: cycles it has done, for its aging.
 
     Raises:
-        ConfigError: the unit has another number of pixels than the sensor.
+        ConfigError: the unit has another number of pixels than the sensor, or an unknown supply rail.
     """
 
     def __init__(
@@ -133,6 +129,9 @@ class DutEmulator:
         self._models = tuple(models)
         self._name = f"dut_{index + 1}"
         self._seed = plant.settings.seed * 2**32 + dut.seed
+        for signal in operating_data(dut.operating, dut.operating.reference_c):
+            if signal not in NUMBERS:
+                raise ConfigError(f"DUT {dut.serial}: no operating record can carry a signal '{signal}'")
         self._encoder = FrameEncoder(self._wire, _calibration(dut, self._wire))
         self._noise = dut.noise.model_copy(
             update={"range_step_m": self._wire.range_step_m, "no_return_code": self._wire.no_return_code}

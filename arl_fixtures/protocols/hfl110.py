@@ -20,7 +20,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from arl_fixtures.errors import LocalProtocolError, RemoteProtocolError
-from arl_fixtures.yaml_model import FileModel
+from arl_fixtures.yaml_model import FiniteModel
 
 UInt8Array = npt.NDArray[np.uint8]
 UInt16Array = npt.NDArray[np.uint16]
@@ -66,44 +66,39 @@ class PixelFlag(IntFlag):
     SUPERIMPOSED = 8
 
 
-class Hfl110Wire(FileModel):
-    """Where packets go, and what the public sources leave open, or dispute, about their bytes.
+class Hfl110Wire(FiniteModel):
+    """Where packets go, and what the public sources leave open, or dispute, about their bytes."""
 
-    Attributes:
-        frame_port: UDP port of frame packets.
-        telemetry_port: UDP port of telemetry.
-        operating_port: UDP port of operating records.
-        layout: packet layout a simulator sends; a receiver takes both, by length.
-        packet_number_counts: whether the field at offset 12 counts frames, packets, or nothing to rely on.
-        range_step_m: metres per range code.
-        range_limit_m: a longer range is no return.
-        range_offset_m: added to every range before that test.
-        no_return_code: range code of a pixel without a return; also caught by the limit.
-        full_counts: an intensity above this cannot be (13 bits by the vendor's constant): its row is corrupt.
-        calibration_term: which coefficient the float at offset 52 is: k4 (driver 0.1.0) or k3 (struct, 0.0.9).
-        udp_version: header field.
-        pca_version: header field.
-        timestamp_step_s: unit of the header's time stamp.
-        status: header field.
-        heater_sign: factor from wire to physical heater temperature.
-    """
-
-    frame_port: int = Field(default=57410, gt=0, lt=65536)
-    telemetry_port: int = Field(default=57413, gt=0, lt=65536)
-    operating_port: int = Field(default=57420, gt=0, lt=65536)
-    layout: Layout = "0.1.0"
-    packet_number_counts: Literal["frames", "packets", "unknown"] = "frames"
-    range_step_m: float = Field(default=1 / 256, gt=0)
-    range_limit_m: float = Field(default=49.0, gt=0)
-    range_offset_m: float = Field(default=0.0, ge=-10, le=10)
-    no_return_code: int = Field(default=65535, ge=0, le=65535)
-    full_counts: int = Field(default=8191, gt=0, le=65535)
-    calibration_term: Literal["k3", "k4"] = "k4"
-    udp_version: int = Field(default=1, ge=0, le=65535)
-    pca_version: int = Field(default=1, ge=0, le=65535)
-    timestamp_step_s: float = Field(default=1e-6, gt=0)
-    status: int = Field(default=0, ge=0, lt=2**32)
-    heater_sign: Literal[-1, 1] = -1
+    frame_port: int = Field(default=57410, gt=0, lt=65536, description="UDP port of frame packets")
+    telemetry_port: int = Field(default=57413, gt=0, lt=65536, description="UDP port of telemetry")
+    operating_port: int = Field(default=57420, gt=0, lt=65536, description="UDP port of operating records")
+    layout: Layout = Field(
+        default="0.1.0", description="packet layout a simulator sends; a receiver takes both, by length"
+    )
+    packet_number_counts: Literal["frames", "packets", "unknown"] = Field(
+        default="frames", description="whether the field at offset 12 counts frames, packets, or nothing to rely on"
+    )
+    range_step_m: float = Field(default=1 / 256, gt=0, description="metres per range code")
+    range_limit_m: float = Field(default=49.0, gt=0, description="a longer range is no return")
+    range_offset_m: float = Field(default=0.0, ge=-10, le=10, description="added to every range before that test")
+    no_return_code: int = Field(
+        default=65535, ge=0, le=65535, description="range code of a pixel without a return; also caught by the limit"
+    )
+    full_counts: int = Field(
+        default=8191,
+        gt=0,
+        le=65535,
+        description="an intensity above this cannot be (13 bits by the vendor's constant): its row is corrupt",
+    )
+    calibration_term: Literal["k3", "k4"] = Field(
+        default="k4",
+        description="which coefficient the float at offset 52 is: k4 (driver 0.1.0) or k3 (struct, 0.0.9)",
+    )
+    udp_version: int = Field(default=1, ge=0, le=65535, description="header field")
+    pca_version: int = Field(default=1, ge=0, le=65535, description="header field")
+    timestamp_step_s: float = Field(default=1e-6, gt=0, description="unit of the header's time stamp")
+    status: int = Field(default=0, ge=0, lt=2**32, description="header field")
+    heater_sign: Literal[-1, 1] = Field(default=-1, description="factor from wire to physical heater temperature")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from pydantic import Field
 
-from arl_fixtures.yaml_model import FileModel
+from arl_fixtures.yaml_model import FiniteModel
 
 if TYPE_CHECKING:
     from arl_fixtures.twin.settings import DutSettings
@@ -16,24 +16,21 @@ DEAD_PIXEL_STREAM: Final = 1_000_003
 """Keeps the choice of failing pixels apart from the unit's other random numbers."""
 
 
-class AgingSettings(FileModel):
+class AgingSettings(FiniteModel):
     """Change per cycle, all zero by default: a DUT ages only where its file says so."""
 
-    power_per_cycle: float = 0.0
-    """Relative change of the optical power; −0.001 loses a tenth of a percent of what is left in each cycle."""
-    beam_width_per_cycle: float = 0.0
-    """Relative change of both half widths of the beam."""
-    beam_azimuth_deg_per_cycle: float = 0.0
-    beam_elevation_deg_per_cycle: float = 0.0
-    dead_pixels_per_cycle: float = Field(default=0.0, ge=0)
-    """Pixels that fail, on average; which ones and when follows from the unit's seed."""
-    fx_per_cycle: float = 0.0
-    """Relative change of the focal length in columns."""
-    fy_per_cycle: float = 0.0
-    cx_px_per_cycle: float = 0.0
-    cy_px_per_cycle: float = 0.0
-    distance_noise_per_cycle: float = 0.0
-    """Relative change of the distance noise."""
+    power_per_cycle: float = Field(default=0.0, gt=-1, description="relative change of the optical power")
+    beam_width_per_cycle: float = Field(default=0.0, gt=-1, description="relative change of both half widths")
+    beam_azimuth_deg_per_cycle: float = Field(default=0.0, description="shift of the beam to the right")
+    beam_elevation_deg_per_cycle: float = Field(default=0.0, description="shift of the beam upwards")
+    dead_pixels_per_cycle: float = Field(
+        default=0.0, ge=0, description="pixels that fail, on average; which and when follows from the unit's seed"
+    )
+    fx_per_cycle: float = Field(default=0.0, gt=-1, description="relative change of fx")
+    fy_per_cycle: float = Field(default=0.0, gt=-1, description="relative change of fy")
+    cx_px_per_cycle: float = Field(default=0.0, description="shift of the image to the right")
+    cy_px_per_cycle: float = Field(default=0.0, description="shift of the image downwards")
+    distance_noise_per_cycle: float = Field(default=0.0, gt=-1, description="relative change of σ_D")
 
 
 def aged(dut: DutSettings, cycle: int) -> DutSettings:

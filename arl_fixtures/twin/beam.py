@@ -6,22 +6,22 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from arl_fixtures.yaml_model import FileModel
+from arl_fixtures.yaml_model import FiniteModel
 
 FloatArray = npt.NDArray[np.float64]
 
 
-class BeamSettings(FileModel):
+class BeamSettings(FiniteModel):
     """Super-Gaussian beam; the half widths are where the power has fallen to 1/e."""
 
-    azimuth_half_width_deg: float = Field(default=75.0, gt=0)
-    elevation_half_width_deg: float = Field(default=18.0, gt=0)
-    exponent: float = Field(default=4.0, gt=0)
-    azimuth_shift_deg: float = 0.0
-    elevation_shift_deg: float = 0.0
+    azimuth_half_width_deg: float = Field(default=75.0, gt=0, description="where the power has fallen to 1/e")
+    elevation_half_width_deg: float = Field(default=18.0, gt=0, description="likewise")
+    exponent: float = Field(default=4.0, gt=0, description="2 is a Gaussian, more is flatter")
+    azimuth_shift_deg: float = Field(default=0.0, description="beam points to the right of the optical axis")
+    elevation_shift_deg: float = Field(default=0.0, description="beam points above the optical axis")
 
 
-class PowerPatch(FileModel):
+class PowerPatch(FiniteModel):
     """A rectangle of pixels, both ends included, that gets `factor` of the power."""
 
     u: tuple[int, int]

@@ -17,7 +17,7 @@ from pydantic import Field
 from scipy.special import ndtri
 
 from arl_fixtures.twin.expected import BoolArray, Expected, Float32Array
-from arl_fixtures.yaml_model import FileModel
+from arl_fixtures.yaml_model import FiniteModel
 
 UInt16Array = npt.NDArray[np.uint16]
 
@@ -25,24 +25,22 @@ CODE_LIMIT: Final = 65534
 """Largest range code of a return; the code above it says that there is none."""
 
 
-class NoiseSettings(FileModel):
+class NoiseSettings(FiniteModel):
     """Noise model and coding of a sensor.
 
     σ_I² = read_noise² + shot_counts·I + (relative·I)² and σ_D² = distance_floor² + (distance_slope·σ_I/I)².
     """
 
-    read_noise_counts: float = Field(default=6.0, ge=0)
-    shot_counts: float = Field(default=0.25, ge=0)
-    relative: float = Field(default=0.004, ge=0)
-    distance_floor_m: float = Field(default=0.004, ge=0)
-    distance_slope_m: float = Field(default=0.30, ge=0)
-    distance_factor: float = Field(default=1.0, ge=0)
-    """This unit's factor on σ_D."""
-    detection_counts: float = Field(default=30.0, ge=0)
-    """Expected intensity below which there is no return."""
-    full_counts: int = Field(default=4095, gt=0, le=65535)
-    range_step_m: float = Field(default=1 / 256, gt=0)
-    no_return_code: int = Field(default=65535, ge=0, le=65535)
+    read_noise_counts: float = Field(default=6.0, ge=0, description="σ_I without light")
+    shot_counts: float = Field(default=0.25, ge=0, description="σ_I² per count of intensity")
+    relative: float = Field(default=0.004, ge=0, description="σ_I per intensity, of bright pixels")
+    distance_floor_m: float = Field(default=0.004, ge=0, description="σ_D of bright pixels")
+    distance_slope_m: float = Field(default=0.30, ge=0, description="σ_D per relative intensity noise")
+    distance_factor: float = Field(default=1.0, ge=0, description="this unit's factor on σ_D")
+    detection_counts: float = Field(default=30.0, ge=0, description="expected intensity below which nothing returns")
+    full_counts: int = Field(default=4095, gt=0, le=65535, description="full scale")
+    range_step_m: float = Field(default=1 / 256, gt=0, description="metres per range code")
+    no_return_code: int = Field(default=65535, ge=0, le=65535, description="range code of a pixel without a return")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,25 +5,24 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
-from arl_fixtures.yaml_model import FileModel
+from arl_fixtures.yaml_model import FiniteModel
 
 
-class OperatingSettings(FileModel):
+class OperatingSettings(FiniteModel):
     """Nominal operating data; temperatures follow the housing temperature T_h."""
 
-    fpga_above_housing_k: float = 14.0
-    tof_above_housing_k: float = 9.0
-    laser_temperature_c: float = 25.0
-    """What the TEC holds the laser at, and T_h at which the TEC idles."""
-    laser_per_housing: float = 0.04
-    tec_a_per_k: float = 0.030
-    tec_limit_a: float = Field(default=2.5, ge=0)
-    tec_bias_v: float = 2.5
-    tec_resistance_ohm: float = 0.6
-    laser_current_a: float = 90.0
-    laser_voltage_v: float = 24.0
-    laser_voltage_per_k: float = -0.01
-    pump_time_us: float = 180.0
+    fpga_above_housing_k: float = Field(default=14.0, description="FPGA above housing")
+    tof_above_housing_k: float = Field(default=9.0, description="ToF imager above housing")
+    laser_temperature_c: float = Field(default=25.0, description="the TEC holds the laser there, idle at this T_h")
+    laser_per_housing: float = Field(default=0.04, description="share of T_h that the TEC lets through to the laser")
+    tec_a_per_k: float = Field(default=0.030, description="TEC current per kelvin of T_h")
+    tec_limit_a: float = Field(default=2.5, ge=0, description="TEC current at most, both ways")
+    tec_bias_v: float = Field(default=2.5, description="both TEC voltages without current")
+    tec_resistance_ohm: float = Field(default=0.6, description="TEC voltage per current, up on p, down on n")
+    laser_current_a: float = Field(default=90.0, description="pulse current")
+    laser_voltage_v: float = Field(default=24.0, description="at `reference_c`")
+    laser_voltage_per_k: float = Field(default=-0.01, description="volts per kelvin of T_h")
+    pump_time_us: float = Field(default=180.0, description="pump time")
     rails_v: dict[str, float] = Field(
         default_factory=lambda: {
             "rail_1v0_v": 1.0,
@@ -31,13 +30,13 @@ class OperatingSettings(FileModel):
             "rail_3v3_v": 3.3,
             "rail_5v0_v": 5.0,
             "rail_12v0_v": 12.0,
-        }
+        },
+        description="supply rails by signal name, at `reference_c`",
     )
-    rail_ppm_per_k: float = -20.0
-    reference_c: float = 25.0
-    """T_h at which rails and laser voltage have their nominal values."""
-    relative_noise: float = Field(default=0.001, ge=0)
-    temperature_noise_k: float = Field(default=0.1, ge=0)
+    rail_ppm_per_k: float = Field(default=-20.0, description="change of all rails")
+    reference_c: float = Field(default=25.0, description="T_h at which rails and laser voltage are nominal")
+    relative_noise: float = Field(default=0.001, ge=0, description="of currents, voltages and times")
+    temperature_noise_k: float = Field(default=0.1, ge=0, description="of temperatures")
 
 
 def operating_data(

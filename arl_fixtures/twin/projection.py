@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from arl_fixtures.yaml_model import FileModel
+from arl_fixtures.yaml_model import FiniteModel
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -25,7 +25,7 @@ NEWTON_TOLERANCE: Final = 1e-13
 SHORTEST_PACE: Final = 1e-6
 
 
-class Intrinsics(FileModel):
+class Intrinsics(FiniteModel):
     """Matrix K (pixels; an integer is a pixel's centre) and distortion δ in OpenCV's order and sense.
 
     The defaults are the nominal sensor of about ±60° × ±13.75°.

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, field_validator
 
-from arl_fixtures.yaml_model import FileModel
+from arl_fixtures.yaml_model import FiniteModel
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -24,7 +24,7 @@ WALL: Final = 0
 """Surface number of the wall; panels count from 1 in the scene's order."""
 
 
-class CircleGrid(FileModel):
+class CircleGrid(FiniteModel):
     """Circles on a panel, centred as a whole."""
 
     columns: int = Field(default=5, gt=0)
@@ -34,7 +34,7 @@ class CircleGrid(FileModel):
     reflectance: Reflectance = 0.85
 
 
-class Panel(FileModel):
+class Panel(FiniteModel):
     """A plane rectangle that touches the circle of `radius_m` about the axis at its own azimuth."""
 
     name: str = Field(min_length=1)
@@ -47,7 +47,7 @@ class Panel(FileModel):
     circles: CircleGrid | None = None
 
 
-class Wall(FileModel):
+class Wall(FiniteModel):
     """A cylinder about the axis, unbounded in z."""
 
     name: str = "wall"
@@ -80,7 +80,7 @@ NOMINAL_PANELS: Final = (
 )
 
 
-class SceneSettings(FileModel):
+class SceneSettings(FiniteModel):
     """All surfaces of the chamber; azimuth counter-clockwise positive seen from above."""
 
     panels: tuple[Panel, ...] = NOMINAL_PANELS

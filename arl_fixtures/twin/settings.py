@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
@@ -12,62 +12,53 @@ from arl_fixtures.twin.beam import BeamSettings, PowerPatch
 from arl_fixtures.twin.noise import NoiseSettings
 from arl_fixtures.twin.operating import OperatingSettings
 from arl_fixtures.twin.projection import Intrinsics
-from arl_fixtures.yaml_model import FileModel
+from arl_fixtures.yaml_model import FiniteModel
 
 SERIAL_BYTES = 26
 """Room for a serial number in the sensor's telemetry."""
 
 
-class Mount(FileModel):
-    """How the DUT sits on the stage, relative to its nominal place.
+class Mount(FiniteModel):
+    """How the DUT sits on the stage, relative to its nominal place."""
 
-    Angles turn the optical axis: yaw to the left, pitch upwards, roll clockwise as the DUT sees it.
-    """
-
-    yaw_deg: float = Field(default=0.0, ge=-45, le=45)
-    pitch_deg: float = Field(default=0.0, ge=-45, le=45)
-    roll_deg: float = Field(default=0.0, ge=-180, le=180)
-    forward_m: float = 0.0
-    left_m: float = 0.0
+    yaw_deg: float = Field(default=0.0, ge=-45, le=45, description="optical axis turned to the left")
+    pitch_deg: float = Field(default=0.0, ge=-45, le=45, description="optical axis turned upwards")
+    roll_deg: float = Field(default=0.0, ge=-180, le=180, description="turned clockwise as the DUT sees it")
+    forward_m: float = Field(default=0.0, description="optical centre before the rotation axis")
+    left_m: float = Field(default=0.0, description="optical centre left of the rotation axis")
 
 
-class DutSettings(FileModel):
-    """One LiDAR. The defaults are the nominal sensor; only the serial number has none.
+class DutSettings(FiniteModel):
+    """One LiDAR. The defaults are the nominal sensor; only the serial number has none."""
 
-    Attributes:
-        serial: serial number, printable ASCII.
-        model: sensor type; limits may apply to one type only.
-        sender_address: IPv4 address its packets come from.
-        height_m: optical centre above the middle DUT.
-        full_scale_counts: G, counts of a white target at `reference_range_m` under perpendicular incidence.
-        gain: g, this unit's factor on G.
-        offset_counts: I_off.
-        dead_pixels: (u, v) of pixels that never answer.
-        patches: local losses of power in the image.
-        field_samples: a pixel's field is sampled by this many rays along each side.
-        seed: of this unit's noise.
-    """
-
-    serial: str = Field(min_length=1, max_length=SERIAL_BYTES)
-    model: str = "hfl110"
-    sender_address: str = "127.0.0.1"
-    height_m: float = 0.0
-    mount: Mount = Mount()
-    columns: Annotated[int, Field(gt=0)] = 128
-    rows: Annotated[int, Field(gt=0)] = 32
-    field_samples: Literal[1, 3, 5, 7, 9] = 3
-    intrinsics: Intrinsics = Intrinsics()
-    full_scale_counts: Annotated[float, Field(gt=0)] = 4000.0
-    reference_range_m: Annotated[float, Field(gt=0)] = 1.1
-    gain: Annotated[float, Field(ge=0)] = 1.0
-    offset_counts: float = 0.0
-    dead_pixels: tuple[tuple[int, int], ...] = ()
-    beam: BeamSettings = BeamSettings()
-    patches: tuple[PowerPatch, ...] = ()
-    noise: NoiseSettings = NoiseSettings()
-    operating: OperatingSettings = OperatingSettings()
-    aging: AgingSettings = AgingSettings()
-    seed: Annotated[int, Field(ge=0)] = 0
+    serial: str = Field(min_length=1, max_length=SERIAL_BYTES, description="serial number, printable ASCII")
+    model: str = Field(default="hfl110", description="sensor type; limits may apply to one type only")
+    sender_address: str = Field(default="127.0.0.1", description="IPv4 address its packets come from")
+    height_m: float = Field(default=0.0, description="optical centre above the middle DUT")
+    mount: Mount = Field(default=Mount(), description="how it sits on the stage")
+    columns: int = Field(default=128, gt=0, description="width of the image")
+    rows: int = Field(default=32, gt=0, description="height of the image")
+    field_samples: Literal[1, 3, 5, 7, 9] = Field(
+        default=3, description="a pixel's field is sampled by this many rays along each side"
+    )
+    intrinsics: Intrinsics = Field(default=Intrinsics(), description="K and δ")
+    full_scale_counts: float = Field(
+        default=4000.0,
+        gt=0,
+        description="G, counts of a white target at `reference_range_m`, seen perpendicularly",
+    )
+    reference_range_m: float = Field(default=1.1, gt=0, description="range to which G refers")
+    gain: float = Field(default=1.0, ge=0, description="g, this unit's factor on G")
+    offset_counts: float = Field(default=0.0, description="I_off, added to every expected intensity")
+    dead_pixels: tuple[tuple[int, int], ...] = Field(default=(), description="[u, v] of pixels that never answer")
+    beam: BeamSettings = Field(default=BeamSettings(), description="relative optical power over the field of view")
+    patches: tuple[PowerPatch, ...] = Field(
+        default=(), description="rectangles of pixels, `u` and `v` from and to, that get `factor` of the power"
+    )
+    noise: NoiseSettings = Field(default=NoiseSettings(), description="noise and coding")
+    operating: OperatingSettings = Field(default=OperatingSettings(), description="nominal operating data")
+    aging: AgingSettings = Field(default=AgingSettings(), description="change per cycle, of emulated DUTs")
+    seed: int = Field(default=0, ge=0, description="of this unit's noise, where it is emulated")
 
     @field_validator("serial")
     @classmethod

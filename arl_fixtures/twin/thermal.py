@@ -17,14 +17,14 @@ import numpy as np
 from pydantic import Field
 from scipy.linalg import expm
 
-from arl_fixtures.yaml_model import FileModel
+from arl_fixtures.yaml_model import FiniteModel
 
 SECONDS_PER_MINUTE: Final = 60.0
 
 Matrix = tuple[tuple[float, ...], ...]
 
 
-class ThermalSettings(FileModel):
+class ThermalSettings(FiniteModel):
     """Heat capacities, conductances and the chiller's dynamics; the defaults are the nominal bench."""
 
     coolant_lag_s: float = Field(default=60.0, gt=0)

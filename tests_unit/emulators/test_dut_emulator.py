@@ -25,6 +25,7 @@ from arl_fixtures.protocols.operating_record import decode_record
 from arl_fixtures.twin.aging import AgingSettings
 from arl_fixtures.twin.frame import Renderer
 from arl_fixtures.twin.noise import scatter
+from arl_fixtures.twin.operating import OperatingSettings
 from arl_fixtures.twin.settings import DutSettings
 
 FRAMES, TELEMETRY, OPERATING = 57410, 57413, 57420
@@ -337,6 +338,12 @@ def test_after_a_restart_it_boots_again(fault, silent_until_s):
 def test_a_unit_with_other_pixels_is_refused():
     with pytest.raises(ConfigError, match="DUT EMU-1: an HFL110 has 128 x 32 pixels, not 64 x 32"):
         DutEmulator(Plant(), 0, DUT.model_copy(update={"columns": 64}))
+
+
+def test_a_unit_with_an_unknown_supply_rail_is_refused():
+    odd = DUT.model_copy(update={"operating": OperatingSettings(rails_v={"rail_9v9_v": 9.9})})
+    with pytest.raises(ConfigError, match="DUT EMU-1: no operating record can carry a signal 'rail_9v9_v'"):
+        DutEmulator(Plant(), 0, odd)
 
 
 @pytest.mark.parametrize(

@@ -31,6 +31,8 @@ def test_a_dut_file_is_read(tmp_path):
         ("serial: S\ndead_pixels: [[1, -2]]\n", ":2:14:", "outside the image of 128 x 32"),
         ("serial: S\ndead_pixels: [[128, 0]]\n", ":2:14:", "dead pixel (u 128, v 0)"),
         ("serial: S\nfield_samples: 2\n", ":2:16:", "1, 3, 5, 7 or 9"),
+        ("serial: S\ngain: .nan\n", ":2:7:", "finite number"),
+        ("serial: S\nbeam: {exponent: .inf}\n", ":2:18:", "finite number"),
         ("gain: 1\n", "", "'serial' is missing"),
     ],
 )
