@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zlib
+
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
@@ -9,6 +11,11 @@ from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
 
 NEIGHBOURS = ((1, 0), (-1, 0), (0, 1), (0, -1))
+
+
+def category_id(label: str) -> float:
+    """Number of a category that is the same in every table."""
+    return float(zlib.crc32(label.encode()) % 1_000_003)
 
 
 def features_of(view: View) -> dict[str, FloatArray]:
@@ -20,7 +27,9 @@ def features_of(view: View) -> dict[str, FloatArray]:
     found: dict[str, FloatArray] = {name: view.number(name) for name in view.covariates() if name != "n_frames"}
     for name in sorted(view.columns.categories):
         if view.labels(name):
-            found[name] = view.codes(name)[0].astype(np.float64)
+            codes, labels = view.codes(name)
+            ids = np.array([*(category_id(label) for label in labels), np.nan])
+            found[name] = ids[codes]
     state = view.fresh_state()
     for channel in view.columns.channels:
         if channel.role is Role.SCATTER:

@@ -16,6 +16,7 @@ import numpy as np
 from arl_fixtures.reconcile.boosting import Binned, Boosted, Tree, bin_columns
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.features import category_id
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.roles import Role, unit_of
@@ -37,7 +38,7 @@ class Axis:
         kind: `linear`, `square`, `above`, `below` (hinges), `step`, `exp`, `inverse`, `log`, `sin`, `cos`, `parity`,
             `is` (a category), `one`.
         middle, width: the ratio is (x − middle) / width.
-        at: knot, period or category code, in the column's unit.
+        at: knot or period in the column's unit, or number of a category.
         label: category label of `is`.
     """
 
@@ -172,8 +173,8 @@ def _function(kind: str, x: FloatArray, axis: Axis) -> FloatArray:
 def axes_of(name: str, values: FloatArray, labels: tuple[str, ...]) -> Iterator[Axis]:
     """Axis functions of a column, simple ones first."""
     if labels:
-        for code, label in enumerate(labels[:12]):
-            yield Axis(column=name, kind="is", at=float(code), label=label)
+        for label in labels[:12]:
+            yield Axis(column=name, kind="is", at=category_id(label), label=label)
         return
     finite = values[np.isfinite(values)]
     low, high = np.quantile(finite, [0.01, 0.99])

@@ -55,6 +55,8 @@ class Looker:
         """Cross-fit the residual of a channel."""
         rows = self.rows_of(data)
         target, weight = self.target_of(data, state, rows)
+        if not np.any(target):
+            return nothing(data)
         codes = self.binned.codes[:, data.use[rows]]
         found = ceiling(
             Binned(self.binned.names, codes, self.binned.edges), target, weight, data.fold[rows], trees=trees
@@ -75,6 +77,8 @@ class Looker:
         for _ in range(2):
             found = self.look(data, state, trees=40)
             rows = self.rows_of(data)
+            if len(found.ceiling.prediction) == 0:
+                break
             residual = self._centred(data, data.residual(state))
             left = residual[rows] / data.scale[rows] - found.ceiling.prediction
             self._set_noise(data, rows, left)
@@ -119,6 +123,12 @@ class Looker:
             trust = np.ones(len(data.use))
             trust[rows] = np.minimum(1.0, TAIL_Z / np.maximum(beyond, 1e-9))
             data.trust = trust
+
+
+def nothing(data: ChannelData) -> Structure:
+    """A channel whose residual is zero everywhere."""
+    empty = Ceiling(before=0.0, after=0.0, block_gain=np.zeros(1), importance={}, prediction=np.zeros(0))
+    return Structure(channel=data.channel.name, ceiling=empty, z=0.0, gain=0.0)
 
 
 def _spread(x: FloatArray) -> float:

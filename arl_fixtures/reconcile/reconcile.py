@@ -37,7 +37,8 @@ def diagnose(
     findings, fits = decision.run()
     constants = constants_of(decision) if findings else {}
     diagnosis = Diagnosis(
-        sha256=sha256, rows=columns.n if rows is None else rows, channels=[d.channel.name for d in found.problem.data],
+        sha256=sha256, rows=columns.n if rows is None else rows,
+        channels=[d.channel.name for d in found.problem.data],
         false_alarm_probability=_chance_of(found), findings=findings, fit=fits, constants=constants,
         notes=dict(columns.ignored),
     )  # fmt: skip

@@ -133,9 +133,11 @@ def screen(
     """
     base = forward(others, problem.view)
     residual = problem.whiten_state(base)
-    unit = problem.codes(problem.groups.unit)
     column, labels = unit_labels(problem)
     restricted = len(labels) > 1
+    unit = problem.codes(problem.groups.unit)
+    if not restricted:
+        unit = np.zeros_like(unit)
     taken = {term.variant.label for term in others}
     noise = (
         np.random.default_rng(seed).standard_normal((DRAWS, len(residual))).astype(np.float32)
@@ -186,14 +188,13 @@ def unit_labels(problem: Problem) -> tuple[str, tuple[str, ...]]:
 def _per_unit(
     tangents: FloatArray, residual: FloatArray, unit: IntArray, units: int
 ) -> tuple[list[FloatArray], list[FloatArray]]:
-    if units == 1:
-        return [tangents @ tangents.T], [tangents @ residual]
-    grams, scores = [], []
-    for k in range(units):
-        part = tangents[:, unit == k]
-        grams.append(part @ part.T)
-        scores.append(part @ residual[unit == k])
-    return grams, scores
+    k = len(tangents)
+    gram, score = np.zeros((units, k, k)), np.zeros((units, k))
+    for a in range(k):
+        score[:, a] = np.bincount(unit, tangents[a] * residual, minlength=units)[:units]
+        for b in range(a, k):
+            gram[:, a, b] = gram[:, b, a] = np.bincount(unit, tangents[a] * tangents[b], minlength=units)[:units]
+    return list(gram), list(score)
 
 
 def _choices(

@@ -20,14 +20,19 @@ from arl_fixtures.reconcile.grouping import Groups, find_groups
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.screen import Candidate, Screening, all_variants, screen
-from arl_fixtures.reconcile.terms import forward
+from arl_fixtures.reconcile.terms import Term, forward
 
 FULL_ROWS = 48_000
 SMALL_ROWS = 14_000
 MOST_TERMS = 4
 SHORTLIST = 16
+POLISHED = 6
 PRICE = 2.0
 """Log-likelihood that each free parameter must earn."""
+TWIN_GAIN = 3.0
+"""Of candidates that differ by less in log-likelihood the one with fewest parameters is taken."""
+MISFIT_SHARE, HIDDEN_SHARE = 0.15, 0.004
+"""A further effect on a channel must gain this share of what one there gains, with and without a driver in common."""
 PRIOR_GROUPS = 20.0
 LEVEL_NAME, LEVEL_ALARM = 0.99, 0.95
 
@@ -136,6 +141,7 @@ class Search:
         self.before = {d.channel.name: self.looker.calibrate(d, empty) for d in self.full.data}
         self.small = self._small()
         self.variants = all_variants(self.small, effects)
+        self.gains: dict[int, float] = {}
 
     def _small(self) -> Problem:
         if self.full.view.n <= 1.4 * SMALL_ROWS:
@@ -155,12 +161,25 @@ class Search:
             part.rebuild(whole.tau)
         return small
 
-    def _share_scatter(self, state_full: Fit) -> None:
-        """Refit the group scatters for a fit, in both problems."""
-        self.full.refit_scatter(state_full.state, lost=float(len(state_full.keys)))
+    def _weigh(self, best: Fit) -> None:
+        """Note how much each accepted effect gains beside the others."""
+        self.gains = {}
+        for index in range(len(best.terms)):
+            rest = tuple(t for k, t in enumerate(best.terms) if k != index)
+            self.gains[index] = 0.5 * (fit(self.full, rest, rounds=2).chi2 - best.chi2)
+
+    def _look_again(self, best: Fit) -> None:
+        """Set spread, outliers and group scatters anew from what a fit leaves, in both problems."""
+        untouched = self.full.view.sim
+        for d in self.full.data:
+            if best.state[d.channel.name] is not untouched[d.channel.name]:
+                self.looker.calibrate(d, best.state)
         if self.small is not self.full:
             for part in self.small.data:
-                part.rebuild(next(d.tau for d in self.full.data if d.channel.name == part.channel.name))
+                whole = next(d for d in self.full.data if d.channel.name == part.channel.name)
+                place = np.searchsorted(self.full.view.rows[whole.use], self.small.view.rows[part.use])
+                part.trust, part.spread = whole.trust[place], whole.spread
+                part.rebuild(whole.tau)
 
     def run(self) -> Found:
         """All rounds."""
@@ -177,8 +196,10 @@ class Search:
             if stage.chosen is None:
                 break
             best = self._settle(stage.chosen.fit, stage)
-            self._share_scatter(best)
-            best = finish(self.full, fit(self.full, best.terms, rounds=3))
+            self._weigh(best)
+            best = fit(self.full, best.terms, rounds=4)
+            self._look_again(best)
+            best = finish(self.full, fit(self.full, best.terms, rounds=4))
         self.progress("what is left", 0.8)
         found = Found(
             problem=self.full, looker=self.looker, null=null, best=best, stages=stages, before=self.before,
@@ -194,11 +215,28 @@ class Search:
         threshold = chance.threshold(LEVEL_NAME)
         alarm = chance.threshold(LEVEL_ALARM)
         ranked = self.rank(base, shortlist(screening.candidates))
-        chosen = next((r for r in ranked if min(r.gain, r.robust) > threshold), None)
+        sure = [r for r in ranked if min(r.gain, r.robust) > threshold and not self._is_misfit(base, r)]
+        close = [r for r in sure if r.gain > sure[0].gain - TWIN_GAIN]
+        chosen = min(close, key=lambda r: (r.candidate.free, -r.gain), default=None)
         if chosen is not None and ranked[0] is not chosen and ranked[0].gain > 3.0 * max(chosen.gain, 1.0):
             chosen = None
         p_value = chance.p_value(min(ranked[0].gain, ranked[0].robust)) if ranked else 1.0
         return Stage(base=base, threshold=threshold, alarm=alarm, p_value=p_value, ranked=ranked, chosen=chosen)
+
+    def _is_misfit(self, base: Fit, ranked: Ranked) -> bool:
+        """Whether a further effect only mends the shape of one that is already there.
+
+        No operator is exact. What it leaves has its own drivers and channels, and is small against what it explains.
+        """
+        new = ranked.fit.terms[-1]
+        for index, term in enumerate(base.terms):
+            if not set(term.variant.channels) & set(new.variant.channels):
+                continue
+            alike = bool(set(term.variant.drivers) & set(new.variant.drivers))
+            share = MISFIT_SHARE if alike else HIDDEN_SHARE
+            if ranked.gain < share * self.gains.get(index, 0.0):
+                return True
+        return False
 
     def rank(self, base: Fit, candidates: Sequence[Candidate]) -> list[Ranked]:
         """Fit each candidate beside the base's terms, best first."""
@@ -210,19 +248,23 @@ class Search:
             gain = trial.log_likelihood - base_small - PRICE * len(trial.keys) + price
             rough.append((gain, candidate, trial))
         rough.sort(key=lambda item: -item[0])
-        if self.small is self.full:
-            return [
-                Ranked(candidate=c, fit=f, gain=g, robust=robust_gain(self.full, f, len(base.terms)))
-                for g, c, f in rough
-            ]
-        result = []
-        for _, candidate, trial in rough[:6]:
-            polished = finish(self.full, fit(self.full, trial.terms, rounds=3))
-            gain = polished.log_likelihood - base.log_likelihood - PRICE * len(polished.keys) + price
-            robust = robust_gain(self.full, polished, len(base.terms))
-            result.append(Ranked(candidate=candidate, fit=polished, gain=gain, robust=robust))
+        result = [
+            self._polish(base, candidate, trial.terms, rounds=2 if self.small is self.full else 4)
+            for _, candidate, trial in rough[:POLISHED]
+        ]
         result.sort(key=lambda r: -r.gain)
         return result
+
+    def _polish(self, base: Fit, candidate: Candidate, terms: tuple[Term, ...], *, rounds: int) -> Ranked:
+        """Fit on the full problem with the group scatters that this candidate leaves, not those that hid it."""
+        kept = [(d, d.tau) for d in self.full.data]
+        self.full.refit_scatter(forward(terms, self.full.view), lost=float(len(base.keys)))
+        polished = finish(self.full, fit(self.full, terms, rounds=rounds))
+        gain = polished.log_likelihood - base.log_likelihood - PRICE * (len(polished.keys) - len(base.keys))
+        robust = robust_gain(self.full, polished, len(base.terms))
+        for d, tau in kept:
+            d.rebuild(tau)
+        return Ranked(candidate=candidate, fit=polished, gain=gain, robust=robust)
 
     def _settle(self, chosen: Fit, stage: Stage) -> Fit:
         """Swap pass: would another effect in an earlier place do better now? Backward pass: is each still needed?"""

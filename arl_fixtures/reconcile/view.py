@@ -23,7 +23,7 @@ BoolArray = NDArray[np.bool_]
 _STEP = ("dut", "cycle", "step")
 _FRAME = (*_STEP, "stage_angle_deg")
 _PIXEL = ("pixel_u", "pixel_v")
-_OWN_CODE = "own"
+_DENSE_CELLS = 20_000_000
 
 
 class View:
@@ -270,19 +270,43 @@ class View:
         all_u, all_v = table.numbers["pixel_u"], table.numbers["pixel_v"]
         u_low, v_low = int(np.nanmin(all_u)), int(np.nanmin(all_v))
         width, height = int(np.nanmax(all_u)) - u_low + 1, int(np.nanmax(all_v)) - v_low + 1
-        if ("image", "order") not in table._relations:
-            cell = (table.group(*_FRAME) * height + (all_v - v_low)) * width + (all_u - u_low)
-            own: IntArray = np.nan_to_num(cell, nan=-1.0).astype(np.int64)
-            order = np.argsort(own, kind="stable")
-            table._relations[("image", "order")] = order
-            table._relations[("image", "ranked")] = own[order]
-        order, ranked = table._relations[("image", "order")], table._relations[("image", "ranked")]
         inside = (u >= u_low) & (u < u_low + width) & (v >= v_low) & (v < v_low + height)
         target = (self.frame() * height + (v - v_low)) * width + (u - u_low)
-        wanted: IntArray = np.where(inside, np.nan_to_num(target, nan=-1.0), -1.0).astype(np.int64)
+        wanted: IntArray = np.where(inside, np.nan_to_num(target, nan=0.0), 0.0).astype(np.int64)
+        cells = (int(table.group(*_FRAME).max()) + 1) * height * width
+        if cells <= _DENSE_CELLS:
+            return np.where(inside, self._image_grid(cells, u_low, v_low, width, height)[wanted], -1)
+        order, ranked = self._image_order(u_low, v_low, width, height)
         place = np.searchsorted(ranked, wanted)
         place[place == table.n] = 0
         return np.where((ranked[place] == wanted) & inside, order[place], -1)
+
+    def _image_cell(self, u_low: int, v_low: int, width: int, height: int) -> IntArray:
+        """Cell (image, row, column) of every row of the whole table; −1 where the pixel is not known."""
+        table = self.columns
+        u, v = table.numbers["pixel_u"], table.numbers["pixel_v"]
+        cell = (table.group(*_FRAME) * height + (v - v_low)) * width + (u - u_low)
+        return np.nan_to_num(cell, nan=-1.0).astype(np.int64)
+
+    def _image_grid(self, cells: int, u_low: int, v_low: int, width: int, height: int) -> IntArray:
+        """Row of every cell, −1 where it is empty."""
+        relations = self.columns._relations
+        if ("image", "grid") not in relations:
+            cell = self._image_cell(u_low, v_low, width, height)
+            grid = np.full(cells, -1, dtype=np.int64)
+            grid[cell[cell >= 0]] = np.flatnonzero(cell >= 0)
+            relations[("image", "grid")] = grid
+        return relations[("image", "grid")]
+
+    def _image_order(self, u_low: int, v_low: int, width: int, height: int) -> tuple[IntArray, IntArray]:
+        """Rows sorted by cell, and their cells: for images too sparse for a grid."""
+        relations = self.columns._relations
+        if ("image", "order") not in relations:
+            cell = self._image_cell(u_low, v_low, width, height)
+            order = np.argsort(cell, kind="stable")
+            relations[("image", "order")] = order
+            relations[("image", "ranked")] = cell[order]
+        return relations[("image", "order")], relations[("image", "ranked")]
 
     def _local_index(self) -> IntArray:
         if self._local is None:

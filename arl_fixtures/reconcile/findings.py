@@ -1,0 +1,300 @@
+"""Findings in words and numbers: law, region, intervals, held-out gain, what else could be in its place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.diagnosis import Alternative, Finding, HeldOut, ParameterValue
+from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.fit import Fit, finish, fit
+from arl_fixtures.reconcile.intervals import half_widths
+from arl_fixtures.reconcile.law import Law
+from arl_fixtures.reconcile.patterns import Pattern, Scatter
+from arl_fixtures.reconcile.problem import ChannelData
+from arl_fixtures.reconcile.region import columns_as_drivers, energy_region
+from arl_fixtures.reconcile.screen import screen
+from arl_fixtures.reconcile.search import PRICE, shortlist
+from arl_fixtures.reconcile.terms import Term, forward
+
+if TYPE_CHECKING:
+    from arl_fixtures.reconcile.decide import Decision
+
+TWIN_GAIN, TWIN_SHARE = 3.0, 0.02
+"""An alternative that loses less than this (log-likelihood, or share of the finding's gain) cannot be told apart."""
+
+
+def named_finding(decision: Decision, index: int) -> Finding:
+    """An effect of the library."""
+    term = decision.best.terms[index]
+    view = decision.problem.view
+    rest = tuple(t for k, t in enumerate(decision.best.terms) if k != index)
+    without = finish(decision.problem, fit(decision.problem, rest, rounds=3))
+    full = finish(decision.problem, decision.best)
+    gain = full.log_likelihood - without.log_likelihood
+    energy = decision.energy(term)
+    channels = sorted(
+        (c for c in energy if energy[c] > max(4.0, 0.01 * max(energy.values()))), key=lambda c: -energy[c]
+    )
+    channels = channels or list(term.variant.channels[:1])
+    alternatives, twins = _alternatives(decision, index, without, gain)
+    where = dict(term.effect.where(term.variant, term.values, view))
+    if term.unit:
+        where[term.unit_column] = [term.unit]
+    for column, bounds in _region(decision, term, channels).items():
+        where.setdefault(column, bounds)
+    effect = term.effect
+    sentence = effect.sentence(term.variant, term.values, view)
+    return Finding(
+        effect=effect.id, channels=channels, where=where, drivers=list(term.variant.drivers),
+        expression=effect.expression(term.variant), source=effect.source, parameters=_parameters(decision, index),
+        statement=statement(sentence, where, twins), alternatives=alternatives, equivalent_to=twins,
+        held_out=_held_out(decision, index, channels, gain), strength=gain, term=term,
+        next_experiment=effect.next_experiment(term.variant),
+    )  # fmt: skip
+
+
+def _region(decision: Decision, term: Term, channels: Sequence[str]) -> dict[str, list[float]]:
+    others = [t for t in decision.terms if t is not term]
+    base, moved = forward(others, decision.problem.view), forward([*others, term], decision.problem.view)
+    found: dict[str, list[float]] = {}
+    for name in channels[:1]:
+        d = next(d for d in decision.problem.data if d.channel.name == name)
+        power = ((moved[name] - base[name])[d.use] / (d.stated * d.spread)) ** 2
+        for column in term.variant.drivers:
+            if decision.problem.view.varies(column):
+                bounds = energy_region(decision.problem.view.number(column)[d.use], power)
+                if bounds is not None:
+                    found[column] = bounds
+    return found
+
+
+def _parameters(decision: Decision, index: int) -> list[ParameterValue]:
+    widths = half_widths(decision.problem, decision.best)
+    made = []
+    for (place, p), width in zip(decision.best.keys, widths, strict=True):
+        if place == index:
+            value = decision.best.terms[index].values[p.name]
+            low, high = max(value - width, p.low), min(value + width, p.high)
+            made.append(ParameterValue(name=p.name, value=value, unit=p.unit, low=float(low), high=float(high)))
+    return made
+
+
+def _alternatives(decision: Decision, index: int, without: Fit, gain: float) -> tuple[list[Alternative], list[str]]:
+    """Other effects in the place of a term: refitted beside the remaining ones."""
+    term = decision.best.terms[index]
+    again = screen(decision.search.small, decision.search.variants, without.terms)
+    ranked = decision.search.rank(without, shortlist(again.candidates)[:10])
+    own = gain - PRICE * len(term.free())
+    alternatives: list[Alternative] = []
+    twins: list[str] = []
+    for r in ranked:
+        effect = r.fit.terms[-1].effect.id
+        if effect == term.effect.id or any(a.effect == effect for a in alternatives):
+            continue
+        deficit = own - r.gain
+        twin = deficit < max(TWIN_GAIN, TWIN_SHARE * own)
+        reason = f"loses {deficit:.1f} of {own:.1f} in log-likelihood"
+        alternatives.append(
+            Alternative(
+                effect=effect,
+                gain=float(max(r.gain, 0.0) / max(own, 1e-9)),
+                indistinguishable=twin,
+                reason=reason,
+            )
+        )
+        if twin:
+            twins.append(effect)
+    return alternatives[:6], twins
+
+
+def _held_out(decision: Decision, index: int, channels: Sequence[str], gain: float) -> HeldOut:
+    rest = tuple(t for k, t in enumerate(decision.terms) if k != index)
+    before_state = forward(rest, decision.problem.view)
+    after = decision.cross_fitted()
+    data = [d for d in decision.problem.data if d.channel.name in channels]
+    return held_out_of(data, before_state, after, decision.problem.groups.block_name, gain)
+
+
+def pattern_finding(decision: Decision, pattern: Pattern) -> Finding:
+    """An effect with a free value per pixel."""
+    term = pattern.term
+    view = decision.problem.view
+    channels = [c for c in term.variant.channels if c in decision.energy(term)]
+    rest = [t for t in decision.terms if t is not term]
+    data = [d for d in decision.problem.data if d.channel.name in channels]
+    held = held_out_of(
+        data, forward(rest, view), decision.final_state(), decision.problem.groups.block_name, pattern.gain
+    )  # fmt: skip
+    name, levels = next(iter((term.fields or {}).items()))
+    parameter = next(p for p in term.variant.parameters if p.name == name)
+    count = len(levels)
+    sparse = parameter.low >= (parameter.null or 0.0)
+    size = float(count) if sparse else pattern.size
+    spread = 0.0 if sparse else 1.96 * pattern.size / np.sqrt(2.0 * max(count - 1, 1))
+    shown = ParameterValue(
+        name="count" if sparse else f"{name}_sd", value=size, unit="1" if sparse else parameter.unit,
+        low=size - spread, high=size + spread,
+    )  # fmt: skip
+    where: dict[str, list[str] | list[float]] = dict(term.variant.where)
+    if sparse:
+        for axis in ("pixel_u", "pixel_v"):
+            if axis in parameter.per:
+                place = [float(key[parameter.per.index(axis)]) for key in levels]
+                where[axis] = sorted(set(place)) if len(set(place)) <= 12 else [min(place), max(place)]
+    return Finding(
+        effect=term.effect.id, channels=channels, where=where, drivers=list(term.variant.drivers),
+        expression=term.effect.expression(term.variant), source=term.effect.source, parameters=[shown],
+        statement=statement(term.effect.sentence(term.variant, {**term.values, name: size}, view), where, []),
+        held_out=held, strength=pattern.gain, term=term, next_experiment=term.effect.next_experiment(term.variant),
+    )  # fmt: skip
+
+
+def law_finding(decision: Decision, law: Law) -> Finding:
+    """A mismatch that the library does not explain."""
+    d = next(d for d in decision.problem.data if d.channel.name == law.channel)
+    before = forward(decision.terms, decision.problem.view)
+    drivers = columns_as_drivers(law.drivers, decision.problem.view)
+    parameters = [
+        ParameterValue(
+            name=f"c{k + 1}",
+            value=t.value,
+            unit=law.unit,
+            low=t.value - 1.96 * t.error,
+            high=t.value + 1.96 * t.error,
+        )
+        for k, t in enumerate(law.terms)
+    ]
+    left = decision.after[law.channel].ceiling
+    total = law.correction(decision.found.looker.features, before[law.channel])[d.use]
+    power = (total / (d.stated * d.spread)) ** 2
+    where: dict[str, list[str] | list[float]] = {}
+    for column in drivers[:3]:
+        if decision.problem.view.varies(column):
+            bounds = energy_region(decision.problem.view.number(column)[d.use], power)
+            if bounds is not None:
+                where[column] = list(bounds)
+    explained = (left.before - left.after) / max(left.before - 1.0, 1e-9)
+    nearest = _nearest(decision, law.channel)
+    text = (
+        f"{law.channel} differs from the simulation with {', '.join(drivers[:3]) or 'no single column'} "
+        f"(up to {_size_of(total, law, before[law.channel][d.use])}); no effect of the library explains it."
+    )
+    held = HeldOut(
+        blocks=decision.problem.groups.block_name, before=left.before, after=left.after,
+        explained=float(min(max(explained, 0.0), 1.0)), gain=law.gain,
+    )  # fmt: skip
+    return Finding(
+        effect="unknown", channels=[law.channel], where=where, drivers=drivers, expression=law.expression,
+        source="", parameters=parameters, statement=statement(text, where, []), held_out=held,
+        alternatives=nearest, strength=law.gain, law=law,
+        next_experiment=f"Vary {drivers[0] if drivers else 'one condition'} alone and keep everything else still.",
+    )  # fmt: skip
+
+
+def _nearest(decision: Decision, channel: str) -> list[Alternative]:
+    """What of the library came nearest in a channel, with the share it would explain."""
+    ceiling_gain = max(decision.found.before[channel].gain, 1.0)
+    near: list[Alternative] = []
+    for stage in decision.found.stages[:1]:
+        for r in stage.ranked:
+            effect = r.fit.terms[-1].effect.id
+            if channel in r.fit.terms[-1].variant.channels and all(a.effect != effect for a in near):
+                share = float(min(max(r.gain, 0.0) / ceiling_gain, 1.0))
+                near.append(
+                    Alternative(
+                        effect=effect, gain=share, indistinguishable=False,
+                        reason=f"explains {100 * share:.0f} % of what the columns predict",
+                    )
+                )  # fmt: skip
+    return near[:4]
+
+
+def scatter_finding(decision: Decision, scatter: Scatter) -> Finding:
+    """Scatter that rows of a group share."""
+    term = scatter.term
+    amplitude = next(p for p in term.variant.parameters if p.is_amplitude)
+    value = ParameterValue(
+        name=amplitude.name, value=scatter.value, unit=amplitude.unit,
+        low=max(scatter.value - scatter.half_width, 0.0), high=scatter.value + scatter.half_width,
+    )  # fmt: skip
+    data = [d for d in decision.problem.data if d.channel.name == scatter.channel]
+    state = decision.final_state()
+    held = held_out_of(data, state, state, decision.problem.groups.block_name, scatter.gain)
+    return Finding(
+        effect=term.effect.id, channels=[scatter.channel], where=dict(term.variant.where),
+        drivers=list(term.variant.drivers), expression=term.effect.expression(term.variant),
+        source=term.effect.source, parameters=[value], held_out=held, strength=scatter.gain, term=term,
+        statement=term.effect.sentence(term.variant, term.values, decision.problem.view),
+        next_experiment=term.effect.next_experiment(term.variant),
+    )  # fmt: skip
+
+
+def mean_square(d: ChannelData, state: State, *, centred: bool = False) -> float:
+    """Mean squared residual in standard errors; outliers weigh as in the fit."""
+    residual = d.residual(state)
+    if centred and d.calibrated:
+        residual = residual - d.scale * d.constants_of(d.whitener(residual))[d.unit]
+    return float(np.sum(d.trust * (residual / d.stated) ** 2) / np.sum(d.trust))
+
+
+def held_out_of(data: Sequence[ChannelData], before: State, after: State, blocks: str, gain: float) -> HeldOut:
+    """Before and after over channels."""
+    rows = np.array([float(len(d.use)) for d in data])
+    first = float(np.average([mean_square(d, before) for d in data], weights=rows)) if data else 0.0
+    last = float(np.average([mean_square(d, after, centred=True) for d in data], weights=rows)) if data else 0.0
+    floor = min(float(np.average([d.spread**2 for d in data], weights=rows)), last) if data else 1.0
+    share = (first - last) / max(first - floor, 1e-9)
+    return HeldOut(blocks=blocks, before=first, after=last, explained=float(np.clip(share, -1.0, 1.0)), gain=gain)
+
+
+def statement(sentence: str, where: dict[str, list[str] | list[float]], twins: Sequence[str]) -> str:
+    """The sentence, where it holds, and what cannot be told from it."""
+    text = sentence.strip()
+    places = []
+    for column, bounds in where.items():
+        if bounds and isinstance(bounds[0], str):
+            places.append(f"{column} {', '.join(str(b) for b in bounds)}")
+        elif len(bounds) == 2:
+            places.append(f"{column} {bounds[0]:.4g} to {bounds[1]:.4g}")
+    if places:
+        text += " Where: " + "; ".join(places) + "."
+    if twins:
+        text += " This table cannot tell it from " + " or ".join(twins) + "."
+    return text
+
+
+def _size_of(total: FloatArray, law: Law, sim: FloatArray) -> str:
+    if law.relative:
+        share = float(np.nanquantile(np.abs(total / np.where(sim == 0, np.nan, sim)), 0.98))
+        return f"{100 * share:.2g} %"
+    return f"{float(np.quantile(np.abs(total), 0.98)):.3g} {law.unit}"
+
+
+def constant_finding(decision: Decision, d: ChannelData) -> Finding:
+    """A channel that is off by a constant gain or offset of each unit, which no effect explains."""
+    state = decision.final_state()
+    values = d.constants_of(d.whitener(d.residual(state)))
+    widths = 1.96 / np.sqrt(d.intercept_weight)
+    unit = "1" if d.scale.min() != 1.0 or d.scale.max() != 1.0 else d.channel.unit
+    word = "gain" if unit == "1" else "offset"
+    parameters = [
+        ParameterValue(name=f"{word}_{k + 1}", value=float(v), unit=unit, low=float(v - w), high=float(v + w))
+        for k, (v, w) in enumerate(zip(values, widths, strict=True))
+    ]
+    held = held_out_of(
+        [d], state, state, decision.problem.groups.block_name, 0.5 * float(np.sum((values / widths) ** 2))
+    )
+    name = d.channel.name
+    columns = list(decision.problem.groups.unit_columns)
+    each = f" of each {', '.join(columns)}" if columns else ""
+    return Finding(
+        effect="unknown", channels=[name], where={}, drivers=columns,
+        expression=f"{name} *= 1 + gain{each}" if word == "gain" else f"{name} += offset{each}", source="",
+        parameters=parameters, held_out=held, strength=held.gain,
+        statement=f"{name} is off by a constant {word}{each}; nothing that was recorded drives it.",
+        next_experiment="Calibrate once more, then repeat: a constant is either calibration or set-up.",
+    )  # fmt: skip

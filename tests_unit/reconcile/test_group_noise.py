@@ -1,0 +1,49 @@
+"""Whitening and group scatter against dense linear algebra and simulated groups."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from arl_fixtures.reconcile.noise import Level, Whitener, fit_tau
+
+
+def levels(rng: np.random.Generator, steps: int, frames: int, rows: int) -> tuple[np.ndarray, tuple[Level, ...]]:
+    step = np.repeat(np.arange(steps), frames * rows)
+    frame = np.repeat(np.arange(steps * frames), rows)
+    scale = rng.uniform(0.5, 2.0, len(step))
+    return rng.uniform(0.5, 3.0, len(step)), (
+        Level(name="frame", code=frame, count=steps * frames, scale=scale),
+        Level(name="step", code=step, count=steps, scale=scale),
+    )
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 10_000), inner=st.floats(0.0, 3.0), outer=st.floats(0.0, 3.0))
+def test_nested_whitening_is_the_exact_inverse_of_the_covariance(seed, inner, outer):
+    rng = np.random.default_rng(seed)
+    root, (frame, step) = levels(rng, 3, 2, 3)
+    whiten = Whitener(root, (frame, step), {"frame": inner, "step": outer})
+    same_frame = frame.code[:, None] == frame.code
+    same_step = step.code[:, None] == step.code
+    shared = np.outer(frame.scale, frame.scale)
+    covariance = np.diag(1.0 / root**2) + inner**2 * shared * same_frame + outer**2 * shared * same_step
+    x = rng.normal(size=len(root))
+    assert whiten(x) @ whiten(x) == pytest.approx(x @ np.linalg.solve(covariance, x), rel=1e-8)
+    noise = np.linalg.slogdet(covariance)[1] + 2.0 * np.log(root).sum()
+    assert whiten.log_det == pytest.approx(noise, rel=1e-8, abs=1e-8)
+
+
+def test_group_scatter_is_estimated_without_bias_and_is_zero_without_groups():
+    rng = np.random.default_rng(3)
+    weight = np.full(400, 25.0)
+    quiet = rng.normal(size=400) * np.sqrt(weight)
+    loud = quiet + 0.3 * rng.normal(size=400) * weight
+    assert fit_tau(loud, weight)[0] == pytest.approx(0.3, rel=0.1)
+    assert fit_tau(loud, weight)[1] > 50.0
+    assert fit_tau(quiet, weight)[0] < 0.06
+
+
+def test_a_declared_scatter_is_the_least_that_is_assumed():
+    rng = np.random.default_rng(4)
+    assert fit_tau(rng.normal(size=50), np.ones(50), floor=1.0) == (1.0, 0.0)

@@ -1,0 +1,78 @@
+"""Reading tables: what is used, what is left out and why."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from arl_fixtures.errors import DataError
+from arl_fixtures.reconcile.roles import Role, role_of, unit_of
+from arl_fixtures.reconcile.table import columns_of, load_table
+
+
+def test_infinities_are_not_observed_and_the_report_says_so():
+    columns = columns_of(pa.table({"distance_m": [1.0, np.inf, 2.0], "sim_distance_m": [1.0, 1.5, 2.0]}))
+    assert np.isnan(columns.numbers["distance_m"][1])
+    assert "1 infinite" in columns.ignored["distance_m (rows)"]
+
+
+def test_an_unpaired_simulation_is_left_out_where_another_channel_can_be_used():
+    columns = columns_of(
+        pa.table({"distance_m": [1.0, 2.0], "sim_distance_m": [1.0, 2.0], "sim_phase_deg": [1.0, 2.0]})
+    )
+    assert [c.name for c in columns.channels] == ["distance_m"]
+    assert "phase_deg" in columns.ignored["sim_phase_deg"]
+
+
+def test_scatter_is_a_channel_only_with_its_simulation():
+    table = {"distance_m": [1.0, 2.0], "sim_distance_m": [1.0, 2.0], "distance_m_std": [0.1, 0.1]}
+    assert [c.name for c in columns_of(pa.table(table)).channels] == ["distance_m"]
+    table["sim_distance_m_std"] = [0.1, 0.1]
+    channels = columns_of(pa.table(table)).channels
+    assert [(c.name, c.role) for c in channels] == [("distance_m", Role.DISTANCE), ("distance_m_std", Role.SCATTER)]
+
+
+def test_serial_numbers_and_booleans_are_categories_with_sorted_labels():
+    columns = columns_of(
+        pa.table({"distance_m": [1.0, 2.0], "sim_distance_m": [1.0, 2.0], "dut": [12, 7], "mixed": [True, None]})
+    )
+    codes, labels = columns.categories["dut"]
+    assert [labels[c] for c in codes] == ["12", "7"]
+    codes, labels = columns.categories["mixed"]
+    assert (list(codes), labels) == ([0, -1], ("true",))
+
+
+@pytest.mark.parametrize(
+    ("name", "role", "unit"),
+    [
+        ("intensity_counts", Role.INTENSITY, "counts"),
+        ("photodiode_a", Role.INTENSITY, "A"),
+        ("laser_current_a", Role.OTHER, "A"),
+        ("plate_temperature_c", Role.TEMPERATURE, "°C"),
+        ("rail_1v8_v", Role.OTHER, "V"),
+        ("valid_fraction", Role.FRACTION, "1"),
+    ],
+)
+def test_a_name_tells_role_and_unit(name, role, unit):
+    assert (role_of(name, {name}), unit_of(name)) == (role, unit)
+
+
+def test_of_a_large_table_whole_images_are_read(tmp_path):
+    angle, pixel = (a.ravel() for a in np.meshgrid(np.arange(400.0), np.arange(50.0), indexing="ij"))
+    table = pa.table({"stage_angle_deg": angle, "pixel_u": pixel, "distance_m": pixel, "sim_distance_m": pixel})
+    pq.write_table(table, tmp_path / "t.parquet")
+    columns = load_table(tmp_path / "t.parquet", limit=6_000)
+    count = np.unique(columns.numbers["stage_angle_deg"], return_counts=True)[1]
+    assert set(count) == {50}
+    assert 4_000 < columns.n < 8_000
+
+
+@given(st.binary(max_size=200))
+def test_bytes_that_are_no_table_give_one_line(tmp_path_factory, blob):
+    path = tmp_path_factory.mktemp("t") / "t.parquet"
+    path.write_bytes(blob)
+    with pytest.raises(DataError) as caught:
+        load_table(path)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,117 @@
+"""From a Parquet file to a diagnosis on disk and back to predictions."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+from arl_fixtures.reconcile.command import predict, reconcile, reconcile_command
+
+SCHEMA = Path(__file__).parents[3] / "shared" / "spec" / "diagnosis.schema.json"
+
+
+def column(path: Path, name: str) -> np.ndarray:
+    return pq.read_table(path)[name].to_numpy(zero_copy_only=False).astype(float)
+
+
+def test_a_table_without_mismatch_is_consistent(tmp_path, make_table, save):
+    diagnosis = reconcile(save(tmp_path / "t.parquet", make_table(1)), tmp_path / "out")
+    assert (diagnosis.verdict, diagnosis.findings) == ("consistent", [])
+    assert diagnosis.false_alarm_probability > 0.01
+    assert np.all(column(tmp_path / "out/localisation.parquet", "mismatch_distance_m") == 0.0)
+
+
+def test_a_threshold_crossing_is_named_range_walk_and_predicted_on_a_new_sensor(tmp_path, make_table, save, walk):
+    diagnosis = reconcile(save(tmp_path / "t.parquet", make_table(2, walk)), tmp_path / "out")
+    assert [f.effect for f in diagnosis.findings] == ["timing.range_walk"]
+    finding = diagnosis.findings[0]
+    assert finding.channels == ["distance_m"]
+    assert finding.held_out.explained > 0.9
+    fresh = make_table(77, walk)
+    blind = {n: v for n, v in fresh.items() if n not in {"intensity_counts", "distance_m"}}
+    predict(tmp_path / "out", save(tmp_path / "new.parquet", blind), tmp_path / "p.parquet")
+    corrected = column(tmp_path / "p.parquet", "corrected_distance_m")
+    before = np.std(fresh["distance_m"] - fresh["sim_distance_m"])
+    after = np.std(fresh["distance_m"] - corrected)
+    noise = np.std(fresh["sim_distance_m_std"]) + np.mean(fresh["sim_distance_m_std"] / np.sqrt(10.0))
+    assert after < before
+    assert after < 1.5 * noise
+
+
+def test_what_no_effect_explains_is_unknown_with_its_drivers_and_still_predicts(tmp_path, make_table, save, parity):
+    diagnosis = reconcile(save(tmp_path / "t.parquet", make_table(3, parity)), tmp_path / "out")
+    first = diagnosis.findings[0]
+    assert first.effect == "unknown"
+    assert first.channels == ["distance_m"]
+    assert set(first.drivers[:2]) & {"pixel_v", "elevation_deg"}
+    assert any(name.endswith("temperature_c") for name in first.drivers)
+    fresh = make_table(78, parity)
+    predict(tmp_path / "out", save(tmp_path / "new.parquet", fresh), tmp_path / "p.parquet")
+    clean = make_table(78)["distance_m"]
+    truth = fresh["distance_m"] - clean
+    made = column(tmp_path / "p.parquet", "corrected_distance_m") - fresh["sim_distance_m"]
+    assert np.mean((made - truth) ** 2) < 0.35 * np.mean(truth**2)
+
+
+def test_the_diagnosis_follows_the_schema_and_the_same_table_gives_the_same_bytes(tmp_path, make_table, save, walk):
+    if not SCHEMA.exists():
+        pytest.skip("the contract's schema lies beside the repository and is absent here")
+    import jsonschema
+
+    table = save(tmp_path / "t.parquet", make_table(4, walk))
+    texts = []
+    for name in ("a", "b"):
+        reconcile(table, tmp_path / name)
+        texts.append((tmp_path / name / "diagnosis.json").read_text())
+    jsonschema.validate(json.loads(texts[0]), json.loads(SCHEMA.read_text()))
+    assert texts[0] == texts[1]
+
+
+@pytest.mark.parametrize(
+    ("columns", "word"),
+    [
+        ({"housing_temperature_c": [1.0, 2.0]}, "no channel"),
+        ({"sim_distance_m": [1.0, 2.0]}, "sim_distance_m"),
+        ({"distance_m": ["a", "b"], "sim_distance_m": [1.0, 2.0]}, "text"),
+        ({"distance_m": [np.nan, np.nan], "sim_distance_m": [1.0, 2.0]}, "nowhere observed"),
+        ({"distance_m": [1.0], "sim_distance_m": [1.0]}, "1 row"),
+        ({"distance_m": [], "sim_distance_m": []}, "no rows"),
+    ],
+)
+def test_an_unusable_table_ends_with_one_line_and_no_folder(tmp_path, columns, word):
+    pq.write_table(pa.table(columns), tmp_path / "t.parquet")
+    result = CliRunner().invoke(reconcile_command, [str(tmp_path / "t.parquet"), "--out", str(tmp_path / "out")])
+    assert result.exit_code == 2
+    assert word in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["t.parquet"]
+
+
+def test_predicting_without_a_driver_names_the_missing_column(tmp_path, make_table, save, walk):
+    from arl_fixtures.errors import DataError
+
+    reconcile(save(tmp_path / "t.parquet", make_table(2, walk)), tmp_path / "out")
+    fresh = {n: v for n, v in make_table(9).items() if "intensity" not in n}
+    with pytest.raises(DataError, match="intensity_counts"):
+        predict(tmp_path / "out", save(tmp_path / "new.parquet", fresh), tmp_path / "p.parquet")
+    assert not (tmp_path / "p.parquet").exists()
+
+
+def test_a_table_without_pixels_angles_or_temperatures_is_compared_too(tmp_path, save):
+    rng = np.random.default_rng(8)
+    current = np.linspace(0.0, 2.0, 400)
+    table = {
+        "drive_current_a": current,
+        "output_w": np.maximum(current - 0.5, 0.0) * 0.8 + rng.normal(0, 0.002, 400),
+        "sim_output_w": np.maximum(current - 0.5, 0.0) * 0.8,
+        "sim_output_w_std": np.full(400, 0.002),
+    }
+    assert reconcile(save(tmp_path / "t.parquet", table), tmp_path / "out").verdict == "consistent"
+    table["output_w"] = table["output_w"] - 0.05 * np.maximum(current - 1.2, 0.0)
+    diagnosis = reconcile(save(tmp_path / "u.parquet", table), tmp_path / "out2")
+    assert diagnosis.verdict == "mismatch"
+    assert diagnosis.fit["output_w"].after < 0.3 * diagnosis.fit["output_w"].before
