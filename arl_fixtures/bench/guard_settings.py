@@ -147,6 +147,8 @@ class GuardSettings(FileModel):
         line_quiet_s: after a question without an answer, how long the guard leaves that line to whoever asked.
         hold_limit_s: a hold or soak back that lasts longer becomes a safe state.
         obey_s: how soon the test must heed a hold; else safe state.
+        reply_timeout_s: wall time after which a guard that does not answer counts as dead; it is killed then, and
+            the test makes the bench safe itself.
         lease_s: a guard's lease is over when it has not been renewed for so long.
         ack_after_lost_test: whether the loss of the test process alone asks for an acknowledgement, too, though
             every safe action was verified.
@@ -162,6 +164,7 @@ class GuardSettings(FileModel):
     line_quiet_s: float = Field(default=3.0, ge=0)
     hold_limit_s: float = Field(default=1800.0, gt=0)
     obey_s: float = Field(default=60.0, gt=0)
+    reply_timeout_s: float = Field(default=10.0, gt=0)
     lease_s: float = Field(default=10.0, gt=1)
     ack_after_lost_test: bool = False
     conditions: tuple[Condition, ...] = DEFAULT_CONDITIONS

@@ -125,8 +125,12 @@ class VirtualNetwork:
                 taken = list(queue)
                 queue.clear()
                 return taken
-            next_s = min((d.next_time_s(clock.now_s) for d in self._devices), default=float("inf"))
-            clock.sleep(max(min(next_s + self._poll_s, deadline_s) - clock.now_s, 0.0))
+            clock.sleep(max(self.next_look_s(deadline_s) - clock.now_s, 0.0))
+
+    def next_look_s(self, deadline_s: float) -> float:
+        """When a host that waits until `deadline_s` and found nothing looks at its socket again."""
+        now_s = self._clock.now_s
+        return min(min((d.next_time_s(now_s) for d in self._devices), default=float("inf")) + self._poll_s, deadline_s)
 
     def skip(self, port: int, before_s: float) -> int:
         """Forget what was sent to `port` up to now and before `before_s`; returns how many datagrams lay there."""

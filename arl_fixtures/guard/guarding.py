@@ -34,6 +34,8 @@ from arl_fixtures.guard.watched import WatchedDuts, WatchedRelays
 from arl_fixtures.lab.client import LabClient
 
 _BEATS_PER_TIMEOUT: Final = 4.0
+_LONGEST_BEAT_S: Final = 1.0
+"""A guard that died is noticed at the next beat."""
 _BYE_S: Final = 60.0
 
 
@@ -86,7 +88,7 @@ class ProcessGuard:
 
     def __init__(self, config: BenchConfig, link: GuardLink, clock: Clock, lab: LabClient | None) -> None:
         self._config, self._link, self._lab = config, link, lab
-        beat_s = config.guard.heartbeat_timeout_s / _BEATS_PER_TIMEOUT
+        beat_s = min(config.guard.heartbeat_timeout_s / _BEATS_PER_TIMEOUT, _LONGEST_BEAT_S)
         self.lines: Lines | None = GuardedLines(config, link, BeatingClock(clock, link, beat_s), lab)
         self.last_stop = link.last_stop or ""
         self._pausing = False
@@ -245,7 +247,14 @@ def _connected(
             _require_acknowledged(places)
             pid = start_guard(bench_file, places, lab=lab)
         try:
-            link = connect_guard(places.socket, pid, sha256=config.sha256, clock=clock, lab=number)
+            link = connect_guard(
+                places.socket,
+                pid,
+                sha256=config.sha256,
+                clock=clock,
+                lab=number,
+                patience_s=config.guard.reply_timeout_s,
+            )
         except ConfigError:
             # it was started with another version of the bench file and ends by itself
             if last:

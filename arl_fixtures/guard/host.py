@@ -119,8 +119,9 @@ class LabHost:
         """What arrived on a line within `timeout_s`."""
         if not isinstance(port, LabStreamPort):
             return port.read(timeout_s)
-        header = {"line": port.line, "timeout_s": timeout_s}
-        return self._client.ask_attentively("read", header, attention.sockets, attention.attend).payload
+        header, payload = port.reading(timeout_s)
+        answer = self._client.ask_attentively("read", header, attention.sockets, attention.attend, payload)
+        return answer.payload
 
     def sleep(self, until_s: float, attention: Attention) -> None:
         """Let the lab's time pass."""

@@ -14,7 +14,7 @@ from typing import Final, final
 
 from arl_fixtures.bench.drivers import Kind
 from arl_fixtures.devices.port import Clock, StreamPort
-from arl_fixtures.errors import ArlError, DeviceError, DeviceLostError, DeviceTimeoutError
+from arl_fixtures.errors import ArlError, DeviceError, DeviceTimeoutError
 from arl_fixtures.guard.host import Attention, Host
 
 HOLD_S: Final = 0.05
@@ -143,30 +143,27 @@ class Line:
 
         Args:
             op: `write`, `read` or `reopen`.
-            payload: what to write.
+            payload: what to write first.
             drain: whether to forget first what lies unread.
             read: how to read, with the test's time-out.
 
         Raises:
             DeviceError: what the line says, for the test to see.
         """
-        if drain:
-            self.port.drain()
         try:
-            match op:
-                case "write":
-                    self.port.write(payload)
-                    self.unsettled_by, self.asked_s = "test", self._clock.now_s
-                case "read":
-                    data = read(self.port)
-                    if data:
-                        self.unsettled_by = ""
-                    return data
-                case "reopen":
-                    self.port.reopen()
+            if drain:
+                self.port.drain()
+            if payload:
+                self.port.write(payload)
+                self.unsettled_by, self.asked_s = "test", self._clock.now_s
+            if op == "read":
+                data = read(self.port)
+                if data:
                     self.unsettled_by = ""
-                case _:
-                    raise DeviceLostError(f"{self.port.name}: no request '{op}'")
+                return data
+            if op == "reopen":
+                self.port.reopen()
+                self.unsettled_by = ""
             return b""
         finally:
             self._used_s = self._clock.now_s

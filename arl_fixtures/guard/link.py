@@ -15,10 +15,11 @@ from arl_fixtures.bench.guard_settings import Action
 from arl_fixtures.devices.port import Clock, StreamPort
 from arl_fixtures.errors import ArlError, DeviceLostError, InterlockError
 from arl_fixtures.guard.core import Request
-from arl_fixtures.lab.client import ERRORS, LabClock
+from arl_fixtures.lab.client import ERRORS, LabClock, Unsent
 from arl_fixtures.lab.framing import Link, Message, PeerLostError
 
-_PATIENCE_S: Final = 15.0
+_SAFE_STATE_S: Final = 5.0
+"""It may be busy making the bench safe after the last test when this one comes."""
 _TAKEOVER_TRIES: Final = 100
 _TAKEOVER_PAUSE_S: Final = 0.02
 
@@ -33,22 +34,25 @@ class GuardLink:
         sha256: of the bench file, which must be the guard's.
         clock: the bench clock.
         lab: number of this process in the lab; 0 with real hardware.
+        patience_s: wall time after which a guard that does not answer counts as dead.
 
     Raises:
         InterlockError: it refuses; the message says what stopped the bench, or who drives it.
         ConfigError: it runs with another version of the bench file.
     """
 
-    def __init__(self, link: Link, pid: int, *, sha256: str, clock: Clock, lab: int) -> None:
+    def __init__(self, link: Link, pid: int, *, sha256: str, clock: Clock, lab: int, patience_s: float) -> None:
         self._link, self.pid, self._clock = link, pid, clock
+        self._patience_s = patience_s
         self.lost = ""
+        self.unsent: Unsent | None = None
         self._announced = False
         self.request: Request | None = None
         self.cause = ""
         self.driven = True
         hello = {"op": "hello", "sha256": sha256, "lab": lab}
         try:
-            answer = self._link.ask(hello, timeout_s=_PATIENCE_S)
+            answer = self._link.ask(hello, timeout_s=patience_s + _SAFE_STATE_S)
         except PeerLostError as error:
             raise InterlockError(f"the guard (process {pid}) does not answer: {error}") from None
         self.last_stop = answer.header.get("stop")
@@ -65,11 +69,12 @@ class GuardLink:
             InterlockError: the guard has made the bench safe, or is gone.
             DeviceError: what the line says.
         """
+        self.flush()
         self.announce()
         if self.lost:
             raise InterlockError(self.lost)
         try:
-            answer = self._link.ask({"op": op, **header}, payload, timeout_s=_PATIENCE_S + wait_s)
+            answer = self._link.ask({"op": op, **header}, payload, timeout_s=self._patience_s + wait_s)
         except PeerLostError as error:
             self._mourn(str(error))
             self._announced = True
@@ -82,6 +87,7 @@ class GuardLink:
         Raises:
             InterlockError: the guard is gone, and that has not been said before.
         """
+        self.flush()
         self.announce()
         if self.lost:
             return
@@ -90,6 +96,12 @@ class GuardLink:
         except PeerLostError as error:
             self._mourn(str(error))
         self.announce()
+
+    def flush(self) -> None:
+        """Send what is to be written before anything else happens."""
+        if (unsent := self.unsent) is not None:
+            self.unsent = None
+            self.ask("write", unsent.data, line=unsent.line, drain=unsent.drain)
 
     def announce(self) -> None:
         """The first to meet the loss of the guard ends the session by it; whoever comes then, makes safe.
@@ -133,6 +145,7 @@ class GuardLink:
 
     def _mourn(self, why: str) -> None:
         """The guard is dead, or as good as: make sure of it, so that its lines are free."""
+        self.unsent = None
         self.lost = f"the guard (process {self.pid}) is gone: {why}"
         self._link.close()
         with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -157,19 +170,21 @@ class GuardedPort:
         self._drain = False
 
     def write(self, data: bytes) -> None:
-        """Send all of `data`."""
+        """Send all of `data`, together with the next request; that the line is gone is said by that one."""
         if (direct := self._line()) is not None:
             direct.write(data)
             return
-        drain, self._drain = self._drain, False
-        self._ask("write", data, drain=drain)
+        self._link.flush()
+        self._link.unsent = Unsent(self._kind, data, self._take_drain())
 
     def read(self, timeout_s: float) -> bytes:
         """What has arrived, or nothing at time-out."""
         if (direct := self._line()) is not None:
             return direct.read(timeout_s)
-        drain, self._drain = self._drain, False
-        return self._ask("read", drain=drain, timeout_s=timeout_s, wait_s=timeout_s).payload
+        payload, drain, unsent = b"", self._take_drain(), self._link.unsent
+        if unsent is not None and unsent.line == self._kind:
+            payload, drain, self._link.unsent = unsent.data, unsent.drain, None
+        return self._ask("read", payload, drain=drain, timeout_s=timeout_s, wait_s=timeout_s).payload
 
     def drain(self) -> bytes:
         """Forget what lies unread before the next request; says nothing about it, which saves an exchange."""
@@ -193,6 +208,10 @@ class GuardedPort:
 
     def _ask(self, op: str, payload: bytes = b"", **header: Any) -> Message:  # noqa: ANN401 - JSON
         return self._link.ask(op, payload, line=self._kind, **header)
+
+    def _take_drain(self) -> bool:
+        drain, self._drain = self._drain, False
+        return drain
 
     def _line(self) -> StreamPort | None:
         """The line itself, if the guard is lost."""
@@ -243,7 +262,9 @@ class BeatingClock:
             self._clock.sleep(min(left_s, self._beat_s))
 
 
-def connect_guard(socket: Path, pid: int, *, sha256: str, clock: Clock, lab: int) -> GuardLink:
+def connect_guard(
+    socket: Path, pid: int, *, sha256: str, clock: Clock, lab: int, patience_s: float
+) -> GuardLink:
     """Connect to the guard that listens at a socket.
 
     Raises:
@@ -254,7 +275,7 @@ def connect_guard(socket: Path, pid: int, *, sha256: str, clock: Clock, lab: int
     except PeerLostError as error:
         raise InterlockError(f"no guard: {error}") from None
     try:
-        return GuardLink(link, pid, sha256=sha256, clock=clock, lab=lab)
+        return GuardLink(link, pid, sha256=sha256, clock=clock, lab=lab, patience_s=patience_s)
     except ArlError:
         link.close()
         raise

@@ -67,7 +67,7 @@ class GuardProcess:
         self._due_s: dict[Kind, float] = dict.fromkeys(CONTROL_LINES, 0.0)
         self._known_s: dict[Kind, float] = {}
         self._retry_s = 0.0
-        self._alone_since_s = self._looked_at_life_s = time.monotonic()
+        self._alone_since_s = time.monotonic()
         self._ending = self._over = False
         since = self._books.found_driven
         if since and self._core.state is State.IDLE:
@@ -115,12 +115,9 @@ class GuardProcess:
 
     def _judge_life(self) -> None:
         core = self._core
-        if self._driver is not None and not self._lost and self._settings.watch_stopped:
-            wall_s = time.monotonic()
-            if wall_s - self._looked_at_life_s > 0.1:
-                self._looked_at_life_s = wall_s
-                if process_state(self._driver.pid) in {"T", "t"}:
-                    self._lost = f"the test (process {self._driver.pid}) was stopped"
+        watched = self._driver if self._settings.watch_stopped and not self._lost else None
+        if watched is not None and process_state(watched.pid) in {"T", "t"}:
+            self._lost = f"the test (process {watched.pid}) was stopped"
         if self._ending and core.driven:
             self._lost = self._lost or "the guard was told to end while a test drove the bench"
         if self._lost:
@@ -168,7 +165,7 @@ class GuardProcess:
         header = message.header
         op = header.get("op")
         if op == "status":
-            self._answer(session)
+            self._answer(session, header.get("n"))
             return
         if session is not self._driver:
             return
@@ -200,12 +197,13 @@ class GuardProcess:
         for session in list(self._sessions.all):
             if session.inbox and self._turn_has_come(session.inbox[0]):
                 message = session.inbox.popleft()
+                number = message.header.get("n")
                 try:
                     payload = self._serve(session, message)
                 except ArlError as error:
-                    self._reply(session, error=type(error).__name__, message=str(error))
+                    self._reply(session, number, error=type(error).__name__, message=str(error))
                 else:
-                    self._reply(session, payload=payload)
+                    self._reply(session, number, payload=payload)
                 return True
         return False
 
@@ -213,7 +211,7 @@ class GuardProcess:
         header = message.header
         if header["op"] in {"hello", "ack"}:
             return self._core.to_do is None
-        if header["op"] == "write" and self._core.driven:
+        if message.payload and self._core.driven:
             line = self._lines.get(header.get("line", ""))
             return line is None or line.free_for_test_s() <= self._now_s
         return True
@@ -274,16 +272,16 @@ class GuardProcess:
             read=lambda port: self._host.read(port, timeout_s, self._busy),
         )
 
-    def _reply(self, session: Session, *, payload: bytes = b"", **header: Any) -> None:  # noqa: ANN401 - JSON
+    def _reply(self, session: Session, number: Any, *, payload: bytes = b"", **header: Any) -> None:  # noqa: ANN401
         self._keep_books()
         if session.lab:
             self._host.release(session.lab)
-        self._answer(session, payload=payload, **header)
+        self._answer(session, number, payload=payload, **header)
 
-    def _answer(self, session: Session, *, payload: bytes = b"", **header: Any) -> None:  # noqa: ANN401 - JSON
+    def _answer(self, session: Session, number: Any, *, payload: bytes = b"", **header: Any) -> None:  # noqa: ANN401
         core, stop = self._core, self._books.last_stop
         request = None if core.request is None else [str(core.request.action), core.request.reason]
-        body = {"now_s": self._now_s, "state": str(core.state), "cause": core.cause, "request": request}
+        body = {"n": number, "now_s": self._now_s, "state": str(core.state), "cause": core.cause, "request": request}
         body |= {"unverified": core.unverified, "stop": None if stop is None else str(stop)}
         session.peer.send(body | header, payload)
 
@@ -307,7 +305,7 @@ class GuardProcess:
             self._known_s[kind] = self._now_s
         self._forget_what_is_old()
         if not self._urgent:
-            self._core.see(self._sample())
+            self._core.see(self._sample(kind))
         return True
 
     def _forget_what_is_old(self) -> None:
@@ -316,16 +314,17 @@ class GuardProcess:
             if known_s < oldest_s:
                 self._hands.forget(kind)
 
-    def _sample(self) -> Sample:
+    def _sample(self, asked: Kind) -> Sample:
+        """What is known; of states only what was asked just now, for commands may have changed the others since."""
         findings, now_s = self._hands.findings, self._now_s
         return Sample(
             time_s=now_s,
             temperatures_c=findings.temperatures_c,
             housings=self._config.thermometer.housing_names(),
-            chiller=findings.chiller,
-            stage_fault=findings.stage_fault,
+            chiller=findings.chiller if asked == "chiller" else None,
+            stage_fault=findings.stage_fault if asked == "stage" else None,
             commanded=self._commanded,
-            read_back=findings.read_back,
+            read_back=findings.read_back if asked == "relays" else None,
             duts_awaited_s={serial: now_s - since_s for serial, since_s in self._awaited.items()},
         )
 

@@ -6,7 +6,7 @@ import math
 import select
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final, Self, final
+from typing import Any, Final, NamedTuple, Self, final
 
 from arl_fixtures.bench.drivers import Kind
 from arl_fixtures.bench.profile import CycleStep
@@ -28,6 +28,14 @@ ERRORS: Final[dict[str, type[ArlError]]] = {
 }
 
 
+class Unsent(NamedTuple):
+    """Bytes to be written with the next request."""
+
+    line: str
+    data: bytes
+    drain: bool
+
+
 @final
 class LabClient:
     """A connection to a lab.
@@ -40,6 +48,7 @@ class LabClient:
 
     def __init__(self, link: Link, name: str, *, role: str) -> None:
         self._link = link
+        self.unsent: Unsent | None = None
         welcome = self.ask("hello", name=name, role=role).header
         self.number = int(welcome["number"])
         self.clock = LabClock(self, float(welcome["now_s"]), int(welcome["epoch_ns"]))
@@ -66,11 +75,18 @@ class LabClient:
         Raises:
             ArlError: what the lab says is wrong; DeviceLostError when it is gone.
         """
+        self.flush()
         try:
             answer = self._link.ask({"op": op, **header}, payload)
         except PeerLostError as error:
             raise DeviceLostError(f"the lab is gone: {error}") from None
         return self._understood(answer)
+
+    def flush(self) -> None:
+        """Send what is to be written before anything else happens."""
+        if (unsent := self.unsent) is not None:
+            self.unsent = None
+            self.ask("write", unsent.data, line=unsent.line, drain=unsent.drain)
 
     def _understood(self, answer: Message) -> Message:
         if op_clock := getattr(self, "clock", None):
@@ -85,16 +101,18 @@ class LabClient:
         header: dict[str, Any],
         sockets: Callable[[], Sequence[Any]],
         attend: Callable[[], bool],
+        payload: bytes = b"",
     ) -> Message:
         """Do a request that takes time, and hear others meanwhile.
 
         Args:
-            op, header: the request.
+            op, header, payload: the request.
             sockets: gives what else may speak.
             attend: called when one of them has; true cancels the request, which then ends without result.
         """
+        self.flush()
         try:
-            self._link.send({"op": op, **header})
+            self._link.post({"op": op, **header}, payload)
             cancelled = False
             while True:
                 others = [] if cancelled else list(sockets())
@@ -105,7 +123,7 @@ class LabClient:
                         cancelled = True
                         self._link.send({"op": "cancel"})
                 elif ready:
-                    answer = self._link.take(None)
+                    answer = self._link.answer()
                     assert answer is not None
                     return self._understood(answer)
         except PeerLostError as error:
@@ -199,7 +217,11 @@ class LabClock:
 
 @final
 class LabStreamPort:
-    """A control line of the lab."""
+    """A control line of the lab.
+
+    What is written leaves together with the next request of this process, be it the reading of the answer: no
+    time passes between, so nobody can tell, and a question with its answer is one exchange with the lab.
+    """
 
     def __init__(self, client: LabClient, line: str) -> None:
         self.name = f"emulated {line}"
@@ -210,16 +232,24 @@ class LabStreamPort:
         self._open = True
 
     def write(self, data: bytes) -> None:
-        """Send all of `data`."""
-        drain, self._drain = self._drain, False
-        self._client.ask("write", data, line=self.line, drain=drain)
+        """Send all of `data`; that the line is gone is said by the next request."""
+        self._client.flush()
+        if not self._open:
+            raise DeviceLostError(f"{self.name}: the line is closed")
+        self._client.unsent = Unsent(self.line, data, self._take_drain())
 
     def read(self, timeout_s: float) -> bytes:
         """What has arrived; lets time pass until something has."""
-        if self._drain:
-            self._drain = False
-            self._client.ask("drain", line=self.line)
-        return self._client.ask("read", line=self.line, timeout_s=timeout_s).payload
+        header, payload = self.reading(timeout_s)
+        return self._client.ask("read", payload, **header).payload
+
+    def reading(self, timeout_s: float) -> tuple[dict[str, Any], bytes]:
+        """The request that reads, with whatever is to be written before."""
+        payload, drain = b"", self._take_drain()
+        unsent = self._client.unsent
+        if unsent is not None and unsent.line == self.line:
+            payload, drain, self._client.unsent = unsent.data, unsent.drain, None
+        return {"line": self.line, "timeout_s": timeout_s, "drain": drain}, payload
 
     def drain(self) -> bytes:
         """Forget what lies unread before the next request; says nothing about it, which saves an exchange."""
@@ -235,6 +265,10 @@ class LabStreamPort:
         if self._open:
             self._open = False
             self._client.ask("close", line=self.line)
+
+    def _take_drain(self) -> bool:
+        drain, self._drain = self._drain, False
+        return drain
 
 
 @final

@@ -162,6 +162,7 @@ class Link:
         self._socket = connection
         self._incoming = FrameBuffer()
         self._unread: list[Message] = []
+        self._number = 0
 
     @classmethod
     def connect(cls, path: Path) -> Self:
@@ -224,14 +225,36 @@ class Link:
                 raise PeerLostError(str(error)) from None
         return self._unread.pop(0)
 
+    def post(self, header: Mapping[str, Any], payload: bytes = b"") -> None:
+        """Send a request; its answer is what `answer` gives, and no other.
+
+        Raises:
+            PeerLostError: the other end is gone.
+        """
+        self._number += 1
+        self.send({**header, "n": self._number}, payload)
+
+    def answer(self, timeout_s: float | None = None) -> Message | None:
+        """The answer to the last request; None when it did not come in `timeout_s`.
+
+        Answers to earlier ones, from whose waiting this process was torn by an exception, are passed over.
+
+        Raises:
+            PeerLostError: the other end is gone.
+        """
+        while (message := self.take(timeout_s)) is not None:
+            if message.header.get("n") == self._number:
+                return message
+        return None
+
     def ask(self, header: Mapping[str, Any], payload: bytes = b"", *, timeout_s: float | None = None) -> Message:
-        """Send a message and wait for the next one.
+        """Send a request and wait for its answer.
 
         Raises:
             PeerLostError: the other end is gone, or did not answer within `timeout_s`.
         """
-        self.send(header, payload)
-        answer = self.take(timeout_s)
+        self.post(header, payload)
+        answer = self.answer(timeout_s)
         if answer is None:
             raise PeerLostError(f"no answer to '{header.get('op')}' for {timeout_s:g} s")
         return answer

@@ -21,7 +21,7 @@ def run_lab(
     path: Path,
     *,
     faults: Sequence[str] = (),
-    grace_s: float = 0.25,
+    grace_s: float = 2.0,
     ready: Callable[[str], None] = lambda _text: None,
 ) -> None:
     """Serve the emulated hardware of a bench at a Unix socket until SIGTERM or SIGINT.
@@ -59,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--bench", required=True, metavar="FILE", help="bench file, or the name of a built-in bench")
     parser.add_argument("--lab", required=True, type=Path, metavar="SOCKET", help="Unix socket to listen at")
     parser.add_argument("--fault", action="append", default=[], metavar="TEXT", help="DEVICE:KIND[@START_S]…")
-    parser.add_argument("--grace", type=float, default=0.25, metavar="S", help="see docs/guard.md")
+    parser.add_argument("--grace", type=float, default=2.0, metavar="S", help="see docs/guard.md")
     options = parser.parse_args(arguments)
 
     def ready(text: str) -> None:

@@ -22,7 +22,6 @@ from typing import Any, Final, Literal, Protocol, final
 from arl_fixtures.bench.clock import VirtualClock
 from arl_fixtures.bench.links import VirtualDatagramPort, VirtualNetwork, VirtualStreamPort
 from arl_fixtures.bench.profile import CycleStep
-from arl_fixtures.emulators.device import DatagramDevice
 from arl_fixtures.emulators.faults import parse_fault
 from arl_fixtures.emulators.plant import Plant
 from arl_fixtures.errors import ArlError, DeviceLostError, LocalProtocolError
@@ -34,7 +33,6 @@ Role = Literal["driver", "follower", "onlooker"]
 ROLES: Final[tuple[Role, ...]] = ("driver", "follower", "onlooker")
 
 _NEVER: Final = math.inf
-_BURST_S: Final = 0.040
 
 
 class World(Protocol):
@@ -43,10 +41,6 @@ class World(Protocol):
     clock: VirtualClock
     plant: Plant
     network: VirtualNetwork
-
-    @property
-    def duts(self) -> tuple[DatagramDevice, ...]:
-        """Whatever sends datagrams."""
 
     def port(self, kind: Any) -> VirtualStreamPort:  # noqa: ANN401 - a Literal of device roles
         """A new port to one of the control lines."""
@@ -75,6 +69,7 @@ class _Client:
     name: str = "?"
     role: Role = "follower"
     runs_since_s: float = 0.0
+    asked: Any = None
     waiting: _Waiting | None = None
     lent_to: int = 0
     lines: dict[str, VirtualStreamPort] = field(default_factory=dict)
@@ -110,7 +105,7 @@ class LabServer:
     """
 
     def __init__(
-        self, world: World, path: Path, *, grace_s: float = 0.25, wall_s: Callable[[], float] = time.monotonic
+        self, world: World, path: Path, *, grace_s: float = 2.0, wall_s: Callable[[], float] = time.monotonic
     ) -> None:
         self._world, self._clock, self._grace_s, self._wall_s = world, world.clock, grace_s, wall_s
         self._path = path
@@ -267,8 +262,8 @@ class LabServer:
             if header.get("op") in {"adopt", "release", "cancel"}:
                 self._signal(client, header)
                 return
-            if client.waiting is not None:
-                raise LocalProtocolError("a request is under way already")
+            # whoever asks anew was torn from waiting for what it asked before
+            client.waiting, client.asked = None, header.get("n")
             self._request(client, header, payload)
         except ArlError as error:
             self._answer(client, error=type(error).__name__, message=str(error))
@@ -288,13 +283,8 @@ class LabServer:
             case "open":
                 self._open(client, str(header["line"]))
             case "write":
-                line = self._line(client, header)
-                if header.get("drain"):
-                    line.drain()
-                line.write(payload)
+                self._write(client, header, payload)
                 self._answer(client)
-            case "drain":
-                self._answer(client, payload=self._line(client, header).drain())
             case "reopen":
                 self._line(client, header).reopen()
                 self._answer(client)
@@ -304,7 +294,8 @@ class LabServer:
                     port.close()
                 self._answer(client)
             case "read":
-                self._read(client, self._line(client, header), until_s=now_s + max(float(header["timeout_s"]), 0.0))
+                port = self._write(client, header, payload)
+                self._read(client, port, until_s=now_s + max(float(header["timeout_s"]), 0.0))
             case "sleep":
                 self._sleep(client, float(header["until_s"]))
             case "listen":
@@ -331,7 +322,7 @@ class LabServer:
                 raise LocalProtocolError(f"lab: unknown request '{unknown}'")
 
     def _answer(self, client: _Client, *, payload: bytes = b"", **header: Any) -> None:  # noqa: ANN401 - JSON
-        client.peer.send({"now_s": self._clock.now_s, **header}, payload)
+        client.peer.send({"n": client.asked, "now_s": self._clock.now_s, **header}, payload)
 
     def _enter_step(self, header: dict[str, Any]) -> None:
         step = CycleStep(
@@ -352,6 +343,15 @@ class LabServer:
         port = client.lines.get(line)
         if port is None:
             raise DeviceLostError(f"emulated {line}: the line is closed")
+        return port
+
+    def _write(self, client: _Client, header: dict[str, Any], payload: bytes) -> VirtualStreamPort:
+        """Forget what lies unread, if asked to, and send what is to be sent."""
+        port = self._line(client, header)
+        if header.get("drain"):
+            port.drain()
+        if payload:
+            port.write(payload)
         return port
 
     def _read(self, client: _Client, port: VirtualStreamPort, *, until_s: float) -> None:
@@ -390,19 +390,14 @@ class LabServer:
         def finish() -> bool:
             datagrams = network.receive(0.0)
             if not datagrams and self._clock.now_s < until_s:
-                waiting.wake_s = self._next_burst_s(until_s)
+                # a time that does not move would have the lab look for ever
+                waiting.wake_s = max(self._world.network.next_look_s(until_s), math.nextafter(self._clock.now_s, _NEVER))
                 return False
             self._answer(client, payload=pack_datagrams(datagrams))
             return True
 
         waiting = _Waiting(finish, self._clock.now_s)
         self._park(client, waiting)
-
-    def _next_burst_s(self, until_s: float) -> float:
-        """When it is worth to look for datagrams again; a burst is one look."""
-        now_s = self._clock.now_s
-        next_s = min((dut.next_time_s(now_s) for dut in self._world.duts), default=_NEVER)
-        return max(min(next_s + _BURST_S, until_s), math.nextafter(now_s, _NEVER))
 
     def _park(self, client: _Client, waiting: _Waiting) -> None:
         if not waiting.finish():

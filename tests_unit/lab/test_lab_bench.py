@@ -33,7 +33,7 @@ def test_a_session_in_the_lab_equals_one_inside_the_process(tmp_path):
     config = load_bench("emulated")
     reading, records, faults = run_session(open_bench(config))
     path = tmp_path / "lab.sock"
-    command = [sys.executable, "-m", "arl_fixtures.lab", "--bench", "emulated", "--lab", str(path)]
+    command = [sys.executable, "-m", "arl_fixtures.lab", "--bench", "emulated", "--lab", str(path), "--grace", "60"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as lab:
         try:
             assert lab.stdout is not None

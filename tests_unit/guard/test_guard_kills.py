@@ -1,0 +1,101 @@
+"""Whatever becomes of the test process, the plant itself shows: power off, set-point safe, stage at rest in 2 s."""
+
+import os
+import signal
+
+import pytest
+
+from conftest import assert_safe_within, go_on, is_safe, reap, until
+
+
+@pytest.fixture(scope="module")
+def stand(make_stand):
+    return make_stand()
+
+
+def death_of_test(found):
+    """Bench time at which the lab lost the test."""
+    return max(time_s for time_s, name, value in found["events"] if name == "client lost" and value == "test")
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
+def test_a_test_killed_at_once(stand, run_test, number):
+    pid = run_test(stand, go_on)
+    guard = stand.guard_pid()
+    assert not is_safe(stand.inspect()["state"])
+    os.kill(pid, number)
+    assert reap(pid) == -number
+    status = stand.wait_for_state("idle")
+    assert f"the test (process {pid}) died" in status["cause"]
+    found = stand.inspect()
+    assert_safe_within(found, death_of_test(found))
+    # the guard is still there for the next test, which is told what happened
+    assert stand.guard_pid() == guard
+    assert f"process {pid}) died" in status["stop"]
+
+
+def test_a_test_that_is_stopped_is_as_good_as_dead_and_hears_of_it_when_it_wakes(stand, run_test):
+    pid = run_test(stand, go_on)
+    os.kill(pid, signal.SIGSTOP)
+    os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOWAIT)
+    since_s = stand.inspect()["state"]["now_s"]
+    status = stand.wait_for_state("idle")
+    assert "was stopped" in status["cause"]
+    assert_safe_within(stand.inspect(), since_s)
+    os.kill(pid, signal.SIGCONT)
+    assert reap(pid) == 3
+    assert "was stopped" in (stand.runtime / "heard").read_text()
+    assert is_safe(stand.inspect()["state"])
+
+
+def test_a_test_that_closes_its_connection(stand, run_test):
+    def hang_up(guard, bench):
+        guard._link._link.close()
+        os.write(1, b"")
+        signal.pause()
+
+    pid = run_test(stand, hang_up)
+    status = stand.wait_for_state("idle")
+    assert "died" in status["cause"]
+    found = stand.inspect()
+    assert is_safe(found["state"])
+    os.kill(pid, signal.SIGKILL)
+    reap(pid)
+
+
+def test_ctrl_c_twice(stand, run_test):
+    pid = run_test(stand, go_on)
+    os.kill(pid, signal.SIGINT)
+    os.kill(pid, signal.SIGINT)
+    assert reap(pid) == 70
+    # whether the second one hits the good-bye or not: somebody has made it safe
+    until(lambda: not stand.guard_pid() or stand.ask(op="status")["state"] == "idle", "the guard is done")
+    assert is_safe(stand.inspect()["state"])
+
+
+def test_a_test_that_fails_says_good_bye(stand, run_test):
+    def fail(guard, bench):
+        raise ZeroDivisionError
+
+    pid = run_test(stand, fail)
+    assert reap(pid) == 70
+    # an orderly end: safe, nothing to report, and the guard has gone home
+    until(lambda: not stand.guard_pid(), "the guard ends")
+    assert is_safe(stand.inspect()["state"])
+    assert not stand.places.driven.exists()
+
+
+def test_a_main_loop_that_hangs(make_stand, run_test):
+    stand = make_stand("guard: {heartbeat_timeout_s: 1.0}")
+
+    def hang(guard, bench):
+        signal.pause()
+
+    pid = run_test(stand, hang)
+    since_s = stand.inspect()["state"]["now_s"]
+    status = stand.wait_for_state("idle")
+    assert "no sign of life" in status["cause"]
+    # the last sign of life may be a heartbeat's time before
+    assert_safe_within(stand.inspect(), since_s, limit_s=1.0 + 2.0)
+    os.kill(pid, signal.SIGKILL)
+    reap(pid)
