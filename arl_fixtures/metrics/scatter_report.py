@@ -26,6 +26,7 @@ UInt8Array = npt.NDArray[np.uint8]
 NOISY_FACTOR: Final = 1.6
 """A pixel is noisy whose scatter is this many times its neighbours' on the same target."""
 FEWEST_DOF: Final = 20
+STRIP_COLUMNS: Final = 16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,11 +163,11 @@ def _noisy_pixels(step: StepData, channel: ScatterChannel, target: str) -> Quant
     s2, nu = _per_pixel(step, channel, target)
     decided = nu >= FEWEST_DOF
     sigma = np.where(decided, np.sqrt(s2), np.nan)
-    columns = sigma.shape[1]
     noisy = 0
     # the level of σ follows the beam over the image: compare within strips of it
-    for start in range(0, columns, 8):
-        strip = sigma[:, start : start + 8]
-        if np.isfinite(strip).any():
-            noisy += int(np.count_nonzero(strip > NOISY_FACTOR * np.nanmedian(strip)))
+    for start in range(0, sigma.shape[1], STRIP_COLUMNS):
+        strip = sigma[:, start : start + STRIP_COLUMNS]
+        strip = strip[np.isfinite(strip)]
+        if strip.size:
+            noisy += int(np.count_nonzero(strip > NOISY_FACTOR * np.median(strip)))
     return Quantity(float(noisy), "1")

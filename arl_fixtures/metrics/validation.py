@@ -94,13 +94,20 @@ def _sorted(values: Float64Array, name: str) -> Float64Array:
 def _transport(x: Float64Array, y: Float64Array, order: float) -> float:
     """Both sorted. Between two neighbouring jumps of the quantile functions both are constant."""
     if x.size == y.size:
-        gap, share = np.abs(x - y), 1.0 / x.size
-        return math.pow(float((gap**order).sum()) * share, 1.0 / order)
+        return _mean_power(np.abs(x - y), np.full(1, 1.0 / x.size), order)
     jumps = np.union1d(np.arange(1, x.size + 1) / x.size, np.arange(1, y.size + 1) / y.size)
     width = np.diff(jumps, prepend=0.0)
     middle = jumps - 0.5 * width
     gap = np.abs(x[_rank(middle, x.size)] - y[_rank(middle, y.size)])
-    return math.pow(float((gap**order * width).sum()), 1.0 / order)
+    return _mean_power(gap, width, order)
+
+
+def _mean_power(gap: Float64Array, share: Float64Array, order: float) -> float:
+    if order == 1.0:  # by far the most used, and powers are slow
+        return float((gap * share).sum())
+    largest = float(gap.max())
+    # relative to the largest: powers of small gaps would leave the range of a float
+    return largest * math.pow(float(((gap / largest) ** order * share).sum()), 1.0 / order) if largest > 0.0 else 0.0
 
 
 def _rank(share: Float64Array, size: int) -> npt.NDArray[np.int64]:

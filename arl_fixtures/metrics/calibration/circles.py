@@ -10,7 +10,7 @@ first, by the power map measured in the same step, by the twin's own in the twin
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -121,7 +121,7 @@ def circle_plan(geometry: Geometry) -> CirclePlan | None:
     )
     level = np.array([np.median(twin[pixels]) if pixels.size else np.nan for pixels in background])
     moments, contrast = _moments(plan, twin[index] - level[circles.board[owner]])
-    return CirclePlan(**{**plan.__dict__, "twin": moments, "contrast": contrast})
+    return replace(plan, twin=moments, contrast=contrast)
 
 
 def find_centres(
@@ -235,14 +235,7 @@ def _fits(geometry: Geometry, circles: CircleField) -> BoolArray:
     centre = circles.pixels()
     inside = np.ones(len(centre), dtype=bool)
     for aside, up in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
-        shifted = CircleField(
-            **{
-                **{name: circles.__dict__[name] for name in circles.__dataclass_fields__},
-                "aside_m": circles.aside_m + aside * radius_m,
-                "up_m": circles.up_m + up * radius_m,
-            }
-        )
-        rim = shifted.pixels()
+        rim = replace(circles, aside_m=circles.aside_m + aside * radius_m, up_m=circles.up_m + up * radius_m).pixels()
         inside &= (rim[:, 0] > RIM_PX - 0.5) & (rim[:, 0] < width - 0.5 - RIM_PX)
         inside &= (rim[:, 1] > RIM_PX - 0.5) & (rim[:, 1] < height - 0.5 - RIM_PX)
         gap_px = np.hypot(*(rim - centre).T) * (pitch_m - 2.0 * radius_m) / radius_m

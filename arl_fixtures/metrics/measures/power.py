@@ -30,6 +30,8 @@ from arl_fixtures.quantity import Contribution, Kind, Quantity
 
 Float64Array = npt.NDArray[np.float64]
 
+DOUBT: Final = 2.0
+"""Standard uncertainties by which a change must exceed another to be the worse one."""
 FEWEST_NEIGHBOURS: Final = 6
 """Pixels of a 3 × 3 neighbourhood that must have a value."""
 
@@ -92,12 +94,14 @@ def worst_neighbourhood(power: PowerMap, reference: Reference) -> tuple[Quantity
         mean, mean_variance = _neighbourhoods(change, variance)
         changes.append(mean)
         variances.append(mean_variance)
-    if not all(np.isfinite(change).any() for change in changes):
+    known = np.isfinite(changes[0]) & np.isfinite(changes[1])
+    if not known.any():
         raise NotMeasurableError("no 3 × 3 neighbourhood was measured now and in the reference")
-    places = [
-        int(np.nanargmax(np.abs(np.where(np.isfinite(other), change, np.nan))))
-        for change, other in zip(changes, changes[::-1], strict=True)
-    ]
+    places = []
+    for change, variance in zip(changes, variances, strict=True):
+        # the largest change that is beyond doubt: the rim's few sightings scatter more than anything else changes
+        certain = np.where(known, np.abs(change) - DOUBT * np.sqrt(variance), -np.inf)
+        places.append(int(certain.argmax()))
     read = [changes[1 - half].flat[places[half]] for half in range(HALVES)]
     spread = [variances[1 - half].flat[places[half]] for half in range(HALVES)]
     v, u = divmod(places[0], power.power.shape[1])
