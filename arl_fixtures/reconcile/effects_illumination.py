@@ -16,7 +16,8 @@ IntArray = NDArray[np.int64]
 
 _SAMPLE = 30_000
 _DEGREE = 4
-_GOOD_REST = 0.05
+_GOOD_REST = 0.03
+_ROUNDS = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +96,19 @@ def _sceneries(view: View, rows: IntArray) -> list[tuple[FloatArray, list[FloatA
     return [(known, []), (np.zeros(rows.size), free)] if len(laws) == 3 else [(np.zeros(rows.size), free)]
 
 
+def _robust(matrix: FloatArray, target: FloatArray) -> tuple[FloatArray, float]:
+    """Least squares that pixels of patterned boards do not bend, and the median size of what is left."""
+    weight = np.ones(target.size)
+    solution, rest = np.zeros(matrix.shape[1]), 0.0
+    for _ in range(_ROUNDS):
+        root = np.sqrt(weight)
+        solution = np.asarray(np.linalg.lstsq(matrix * root[:, None], target * root, rcond=1e-9)[0], dtype=np.float64)
+        left = target - matrix @ solution
+        rest = float(np.median(np.abs(left)))
+        weight = 1.0 / (1.0 + (left / max(3.0 * rest, 1e-6)) ** 2) ** 2
+    return solution, rest
+
+
 def illumination(view: View, channel: str) -> Illumination | None:
     """Smooth profile of a simulated signal over the field of view; None without rays.
 
@@ -123,8 +137,7 @@ def illumination(view: View, channel: str) -> Illumination | None:
         target = np.log(signal[rows])
         for known, scenery in _sceneries(view, rows):
             matrix = np.column_stack([*basis, *scenery])
-            solution = np.asarray(np.linalg.lstsq(matrix, target - known, rcond=1e-9)[0], dtype=np.float64)
-            rest = float(np.std(target - known - matrix @ solution))
+            solution, rest = _robust(matrix, target - known)
             if rest < _GOOD_REST:
                 break
         return Illumination(terms, solution[1 : len(terms) + 1], reach_az, reach_el)

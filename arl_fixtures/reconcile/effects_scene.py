@@ -24,6 +24,7 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
 )
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illumination, log_profile, ray_column
+from arl_fixtures.reconcile.effects_sweep import along_sweep, bend_of_sweeps
 from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]
@@ -33,6 +34,9 @@ _FINEST_DEG = 0.05
 _CELLS = 4_000_000
 _BLOCKS = (4, 6, 8, 12, 16, 24, 32, 48, 64)
 _CLOSE_DEG = 0.1
+_NEAR = 9
+_ROUGH = 0.01
+_WORSE = 0.25  # between two angles a cubic errs by less than a quarter of the bend
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +49,7 @@ class Scene:
         above, below: curve of the image row with the next higher and next lower elevation, −1 where there is none.
         pitch_deg: elevation between image rows.
         step_deg: bearing between points of a curve.
+        patchy: rows of the whole table where pixels of one curve do not agree.
         sign: +1 where bearing = azimuth + stage angle, −1 where it is azimuth − stage angle.
     """
 
@@ -55,6 +60,7 @@ class Scene:
     pitch_deg: float
     step_deg: float
     sign: float
+    patchy: NDArray[np.bool_]
     curves: dict[str, FloatArray]
 
 
@@ -70,20 +76,17 @@ def _make_scene(view: View) -> Scene | None:
         return None
     az, el = ray_column(view, "azimuth_deg"), ray_column(view, "elevation_deg")
     stage = np.nan_to_num(table.numbers["stage_angle_deg"]) if moving else np.zeros(table.n)
-    line = table.group("dut", "pixel_v") if rays else table.group("dut", "pixel_u", "pixel_v")
-    device = _first_of(line, table.group("dut"))
     flat = {name: _flattened(view, name, el) for name in (*signals(view), *distances(view))}
     sign = 1.0
     if moving and rays and flat:
         test = next(iter(flat.values()))
-        if _roughness(line, az - stage, test) < 0.8 * _roughness(line, az + stage, test):
+        row = table.group("dut", "pixel_v")
+        if _roughness(row, az - stage, test) < 0.8 * _roughness(row, az + stage, test):
             sign = -1.0
     bearing = az + sign * stage
     bearing = bearing - bearing.min()
-    if moving and rays and "pixel_u" in table.numbers:
-        row = line
-        line = _blocks(row, table.numbers["pixel_u"], bearing)
-        device = device[_first_of(line, row)]
+    line = _lines(view, bearing) if rays else table.group("dut", "pixel_u", "pixel_v")
+    device = _first_of(line, table.group("dut"))
     lines = int(line.max()) + 1
     step = max(_FINEST_DEG, float(bearing.max()) * lines / _CELLS)
     height = np.bincount(line, el, lines) / np.maximum(np.bincount(line, minlength=lines), 1)
@@ -93,7 +96,12 @@ def _make_scene(view: View) -> Scene | None:
     if weight is not None:  # light and light-weighted range are straight lines across an edge, the range is not
         flat |= {name: flat[name] * weight for name in distances(view)}
     curves = {name: curves_over_bearing(line, bearing / step, values, lines) for name, values in flat.items()}
-    return Scene(bearing, line, above, below, pitch, step, sign, curves)
+    patchy = (
+        np.zeros(table.n, dtype=bool)
+        if weight is None
+        else _patchy(line, bearing, weight, bend_of_sweeps(view) * weight)
+    )
+    return Scene(bearing, line, above, below, pitch, step, sign, patchy, curves)
 
 
 def _flattened(view: View, name: str, el: FloatArray) -> FloatArray:
@@ -117,6 +125,30 @@ def _roughness(line: IntArray, bearing: FloatArray, values: FloatArray) -> float
     return float(np.mean(steps)) if steps.size else 0.0
 
 
+def _patchy(line: IntArray, bearing: FloatArray, light: FloatArray, bend: FloatArray) -> NDArray[np.bool_]:
+    """Rows about which a curve predicts its samples from their neighbours worse than a pixel's own sweep (`bend`).
+
+    There pixels that look the same way do not see the same: a pattern, or another height.
+    """
+    good = np.flatnonzero(np.isfinite(light) & np.isfinite(bend))
+    order = good[np.lexsort((bearing[good], line[good]))]
+    x, y, code = bearing[order], light[order], line[order]
+    first = np.concatenate([[0], np.flatnonzero((np.diff(x) > 1e-6) | (np.diff(code) != 0)) + 1])  # one of each angle
+    count = np.diff(np.append(first, x.size))
+    x, y, code = x[first], np.add.reduceat(y, first) / count, code[first]
+    off, level = np.zeros(x.size), np.abs(y)
+    if x.size > 2:
+        inner = (code[2:] == code[:-2]) & (x[2:] > x[:-2])
+        share = (x[1:-1] - x[:-2]) / np.where(inner, x[2:] - x[:-2], 1.0)
+        off[1:-1] = np.where(inner, np.abs(y[1:-1] - y[:-2] - share * (y[2:] - y[:-2])), 0.0)
+    near = np.ones(_NEAR) / _NEAR
+    own = _WORSE * np.convolve(np.abs(bend[order][first]), near, mode="same")
+    rough = np.convolve(off, near, mode="same") > np.maximum(own, _ROUGH * np.convolve(level, near, mode="same"))
+    patchy = np.zeros(light.size, dtype=bool)
+    patchy[order] = np.repeat(rough, count)
+    return patchy
+
+
 def _first_of(code: IntArray, values: IntArray) -> IntArray:
     """One value for every code 0…k−1."""
     found = np.zeros(int(code.max()) + 1, dtype=np.int64)
@@ -124,27 +156,42 @@ def _first_of(code: IntArray, values: IntArray) -> IntArray:
     return found
 
 
-def _blocks(row: IntArray, column: FloatArray, bearing: FloatArray) -> IntArray:
-    """Image rows cut into blocks of neighbouring columns, as narrow as a close sampling of the bearing allows.
+def _lines(view: View, bearing: FloatArray) -> IntArray:
+    """Which rows share a curve: as few pixels as still sample the bearing closely.
 
-    Pixels at the edge of the field are not as wide as those in the middle; within a block they are alike.
+    From blocks of columns of one image row (pixels at the edge of the field are not as wide as those in the middle)
+    over image rows and blocks of rows to all pixels of a DUT (a table of a few pixels only).
     """
-    start = float(np.nanmin(column))
-    wide = float(np.nanmax(column)) - start + 1.0
-    sample = np.flatnonzero(row == np.bincount(row).argmax())
-    for width in _BLOCKS:
-        if width >= wide:
-            break
-        block = ((column[sample] - start) // width).astype(np.int64)
-        order = np.lexsort((bearing[sample], block))
-        same = np.diff(block[order]) == 0
-        gaps = np.diff(bearing[sample][order])[same]
-        gaps = gaps[gaps > 1e-6]
-        if gaps.size and float(np.quantile(gaps, 0.9)) < _CLOSE_DEG:
-            block = np.nan_to_num((column - start) // width).astype(np.int64)
-            code: IntArray = np.unique(row * (int(wide / width) + 2) + block, return_inverse=True)[1].astype(np.int64)
-            return code
-    return row
+    table = view.columns
+    row, device = table.group("dut", "pixel_v"), table.group("dut")
+    if "pixel_u" in table.numbers:
+        column = np.nan_to_num(table.numbers["pixel_u"] - np.nanmin(table.numbers["pixel_u"]))
+        for width in _BLOCKS:
+            if width < float(column.max()):
+                line = _combined(row, column // width)
+                if _gap(line, bearing) < _CLOSE_DEG:
+                    return line
+    if _gap(row, bearing) < 2.5 * _CLOSE_DEG or "pixel_v" not in table.numbers:
+        return row
+    height = np.nan_to_num(table.numbers["pixel_v"] - np.nanmin(table.numbers["pixel_v"]))
+    for width in (4, 8):
+        line = _combined(device, height // width)
+        if _gap(line, bearing) < 2.5 * _CLOSE_DEG:
+            return line
+    return device
+
+
+def _combined(group: IntArray, part: FloatArray) -> IntArray:
+    code: IntArray = np.unique(group * (int(part.max()) + 1) + part.astype(np.int64), return_inverse=True)[1]
+    return code.astype(np.int64)
+
+
+def _gap(line: IntArray, bearing: FloatArray) -> float:
+    """Bearing between samples of one curve that nine in ten gaps stay below, degrees."""
+    order = np.lexsort((bearing, line))
+    gaps = np.diff(bearing[order])[np.diff(line[order]) == 0]
+    gaps = gaps[gaps > 1e-6]
+    return float(np.quantile(gaps, 0.9)) if gaps.size else np.inf
 
 
 def _stacked(height: FloatArray, across: FloatArray, device: IntArray) -> tuple[IntArray, IntArray, float]:
@@ -282,7 +329,16 @@ def point_elsewhere(
     if found is None or not found.curves:
         return
     el = elevation(view)
-    before, after = _here(found, view), _at(found, view, turn, lift)
+    before, after = dict(_here(found, view)), _at(found, view, turn, lift)
+    patchy = found.patchy[view.rows]
+    if patchy.any() and np.any(turn):
+        own_before = per_view(view, "sweep here", lambda: along_sweep(view, 0.0))
+        own_after = along_sweep(view, found.sign * turn)
+        for name, there in own_after.items():
+            swap = patchy & np.isfinite(there) & np.isfinite(own_before[name])
+            scale = 1.0 if name in signals(view) else np.cos(np.radians(el))  # as flattened as the scene's
+            before[name] = np.where(swap, own_before[name] * scale, before[name])
+            after[name] = np.where(swap, there * scale, after[name])
     changed = np.cos(np.radians(el + lift)) / np.cos(np.radians(el))
     for name in found.curves:
         if name not in state:
