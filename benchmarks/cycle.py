@@ -29,7 +29,7 @@ def main(profile: str = "full") -> None:
     cpu_s = usage.ru_utime + usage.ru_stime
     verdict = lines[-1]["verdict"]
     print(f"profile {profile}: exit {child.returncode}, {len(ends)} steps with the reference, verdict {verdict}")
-    print(f"bench time {bench_s / 3600:.2f} h in {wall_s:.1f} s: {bench_s / wall_s:.0f} x real time (promised: 150 x)")
+    print(f"bench time {bench_s / 3600:.2f} h in {wall_s:.1f} s: {bench_s / wall_s:.0f} x (promised: 150 x)")
     print(f"processor time {cpu_s:.1f} s, that is {cpu_s / wall_s:.2f} processors")
     print(f"peak memory {usage.ru_maxrss / 1024:.0f} MiB (promised: 1024), on disk {size / 1e9:.2f} GB")
 
