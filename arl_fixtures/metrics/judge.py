@@ -67,12 +67,16 @@ def judge(
     duts: dict[str, None] = {}
     for measurement in measurements:
         duts.setdefault(measurement.dut)
+        # a metric that could not be measured at all could not be measured in any scope
+        scope = None if measurement.quantity is None and not measurement.scope else measurement.scope
         applying = [
             limit
             for limit in limits.by_metric.get(measurement.metric, ())
-            if _applies(limit, conditions, measurement.dut, types.get(measurement.dut, ""), measurement.scope)
+            if _applies(limit, conditions, measurement.dut, types.get(measurement.dut, ""), scope)
         ]
-        met.update((id(limit), measurement.dut, measurement.scope if limit.where.scope else "") for limit in applying)
+        for limit in applying:
+            scopes = (limit.where.scope or ("",)) if scope is None else (scope if limit.where.scope else "",)
+            met.update((id(limit), measurement.dut, each) for each in scopes)
         judgements += [_judge_one(measurement, limit, limits.decision_of(limit), conditions) for limit in applying]
         if not applying:
             judgements.append(_unlimited(measurement))

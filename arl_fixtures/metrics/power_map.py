@@ -147,7 +147,7 @@ def target_map(step: StepData, target: str, correction: Correction = Correction.
     usable = returns >= FEWEST_RETURNS
     index, pixel = sightings.index[usable], sightings.pixel[usable]
     if not index.size:
-        raise NotMeasurableError(f"no intensities from {target}{step.shortfall}")
+        raise NotMeasurableError(f"nowhere {FEWEST_RETURNS} intensities from {target} at one angle{step.shortfall}")
     counts = sweep.intensity_counts.ravel()[index].astype(np.float64) - dut.offset_counts
     variance = sweep.intensity_variance.ravel()[index].astype(np.float64) / returns[usable]
     if correction is Correction.PAPER:

@@ -87,6 +87,11 @@ class StepData:
         """
         if self._sweep is None:
             raise NotMeasurableError(self.faults.get("frames", "no frames were recorded"))
+        (height, width), dut = self._sweep.shape, self.dut
+        if (height, width) != (dut.rows, dut.columns):
+            raise NotMeasurableError(
+                f"frames of {width} × {height} pixels; the DUT file says {dut.columns} × {dut.rows}"
+            )
         return self._sweep
 
     @property

@@ -137,6 +137,13 @@ def test_a_limit_that_nothing_was_measured_for_is_not_run_for_each_scope_and_dut
     assert overall(judgements)[0] is Verdict.NOT_RUN
 
 
+def test_a_metric_that_failed_as_a_whole_is_invalid_for_the_limits_of_its_scopes():
+    limits = limit_set(a_limit(where={"scope": ("x", "y")}))
+    judgements = judge([measured(quantity=None, reason="bag cut")], limits, CONDITIONS)
+    assert [(j.verdict, j.reason) for j in judgements] == [(Verdict.INVALID, "bag cut")]
+    assert overall(judgements)[0] is Verdict.INVALID
+
+
 def test_limits_apply_where_they_say():
     where = Where(set_temperature_c=(60.0, 85.0), ramp=(1,), dut_type=("hfl110",), scope=("s",))
     limits = limit_set(a_limit(where=where, upper=0.1), a_limit(metric="never", where={"dut": ("B",)}))

@@ -40,6 +40,8 @@ TUKEY: Final = 6.0
 MAD_TO_SIGMA: Final = 1.4826
 FEWEST_CIRCLES: Final = 100
 GROUPS: Final = ("mount", "target position", "stage angle")
+LEAST_PX: Final = 1e-4
+"""Floor of a centre's standard deviation: no centre is exact."""
 LEAST_U: Final = 1e-9
 """Floor of a prior's standard uncertainty: a parameter given as exact stays where it is."""
 
@@ -121,7 +123,7 @@ def adjust(
     angles = np.flatnonzero(present)
     angle = np.repeat((np.cumsum(present) - 1)[field.angle[used]], 2)
     deviation = centres.deviation_px[used].ravel()
-    noise = centres.variance_px2[used].ravel()
+    noise = np.maximum(centres.variance_px2[used].ravel(), LEAST_PX**2)
     prior, group = _priors(field, uncertainty, len(angles))
     pull = prior[: dense.shape[1]] * [known.get(name, 0.0) for name in field.names]
 

@@ -78,7 +78,9 @@ def compare(step: StepData, channel: str, target: str) -> Comparison:
         residual = sweep.distance_m.ravel()[index].astype(np.float64) - twin_m
     usable = (returns >= FEWEST_RETURNS) & np.isfinite(residual)
     if not usable.any():
-        raise NotMeasurableError(f"no {channel} values from {target}{step.shortfall}")
+        raise NotMeasurableError(
+            f"nowhere {FEWEST_RETURNS} {channel} values from {target} at one angle{step.shortfall}"
+        )
     index, residual, returns = index[usable], residual[usable], returns[usable]
     sigma = _twin_scatter(geometry, channel, expected[usable])
     normal = geometry.derive(_normals).ravel()[index].astype(np.float64)

@@ -171,6 +171,8 @@ def _fit(
         values, chi2 = values + move, spread**2
         if float(move @ normal @ move) < CONVERGED:
             break
+    if not (np.isfinite(values).all() and (np.diag(covariance) > 0.0).all()):
+        raise NotMeasurableError("the change of the power map is nothing like a shift, a width or a level")
     # the weights' own loss of information: E[w]²/E[w²] of the bisquare is 0.95 at normal residuals
     inflation = max(chi2, 1.0) * float((trust**2).mean() / trust.mean())
     return Registration(values=values, covariance=covariance * inflation, dof=float(len(change) - PARAMETERS))

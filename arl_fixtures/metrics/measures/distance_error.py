@@ -66,7 +66,7 @@ def error_map(step: StepData, target: str) -> ErrorMap:
     usable = returns >= FEWEST_RETURNS
     index, pixel, returns = sightings.index[usable], sightings.pixel[usable], returns[usable]
     if not index.size:
-        raise NotMeasurableError(f"no distances from {target}{step.shortfall}")
+        raise NotMeasurableError(f"nowhere {FEWEST_RETURNS} distances from {target} at one angle{step.shortfall}")
     true_m = geometry.true_range_m.ravel()[index].astype(np.float64)
     error_m = sweep.distance_m.ravel()[index] - true_m
     variance = sweep.distance_variance.ravel()[index] / returns
@@ -103,11 +103,13 @@ def evaluate(step: StepData) -> list[Measurement]:
     """ΔD per target, spread over the pixels, slope against the logarithm of the intensity."""
     measured: list[Measurement] = []
     maps: list[ErrorMap] = []
+    lacking = ""
     for target in step.geometry.stripes:
         try:
             errors = error_map(step, target)
         except NotMeasurableError as reason:
             measured += [step.unmeasured(name, str(reason), scope=target) for name in METRIC.names[:2]]
+            lacking = lacking or f": {reason}"
             continue
         maps.append(errors)
         measured.append(step.measured("distance_error", _error(step, errors), scope=target))
@@ -115,7 +117,7 @@ def evaluate(step: StepData) -> list[Measurement]:
     try:
         measured.append(step.measured("distance_error_per_decade", _per_decade(step, maps)))
     except NotMeasurableError as reason:
-        measured.append(step.unmeasured("distance_error_per_decade", str(reason)))
+        measured.append(step.unmeasured("distance_error_per_decade", f"{reason}{lacking}"))
     return measured
 
 
