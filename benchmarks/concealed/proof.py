@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.concealed.generate import write_batch
 from benchmarks.concealed.plan import stated
-from benchmarks.concealed.run_tool import ask
+from benchmarks.concealed.run_tool import answered, ask, read_answer
 from benchmarks.concealed.score import Score, score
 from benchmarks.concealed.summary import as_markdown, as_text, figures
 
@@ -42,14 +42,18 @@ Cases of the set `proof` were never used to tune the tool; the set `dev` was.
 """
 
 
-def run(folder: Path, workers: int) -> list[Score]:
-    """Ask and score every case of a folder."""
+def run(folder: Path, workers: int, *, rescore: bool = False) -> list[Score]:
+    """Ask and score every case of a folder; or only score the answers that lie there."""
     truths: list[dict[str, Any]] = json.loads((folder / "truth.json").read_text())["cases"]
     asked = folder / "asked"
-    shutil.rmtree(asked, ignore_errors=True)
+    if rescore:
+        truths = [truth for truth in truths if answered(asked / truth["name"])]
+    else:
+        shutil.rmtree(asked, ignore_errors=True)
 
     def one(truth: dict[str, Any]) -> Score:
-        mark = score(truth, folder, ask(folder / truth["name"], asked / truth["name"]))
+        out = asked / truth["name"]
+        mark = score(truth, folder, read_answer(out) if rescore else ask(folder / truth["name"], out))
         said = ", ".join(mark.said) or (mark.failed.splitlines() or ["consistent"])[-1][:100]
         told = ", ".join(f"{e['effect']} λ {e['lambda']:.0f}" for e in truth["effects"]) or "nothing"
         good = mark.exact if mark.kind in ("single", "pair") else mark.named
@@ -68,17 +72,17 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("build/proof"))
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--docs", type=Path, help="write the tables as Markdown to this file")
-    parser.add_argument("--score-only", action="store_true", help="cases lie in --out already")
+    parser.add_argument("--rescore", action="store_true", help="score again what was answered; run nothing")
     given = parser.parse_args()
     start, seed = time.perf_counter(), SEEDS[given.set] if given.seed is None else given.seed
     folder = given.out / f"{given.set}-{seed}"
-    if not given.score_only:
+    if not given.rescore:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         batch = stated(np.random.default_rng(seed), given.scale)
         seal = write_batch(folder, seed, batch, quiet=True, workers=given.workers)
         print("sealed, sha256 of truth.json:", seal, flush=True)
-    scores = run(folder, given.workers)
+    scores = run(folder, given.workers, rescore=given.rescore)
     lines = figures(scores)
     minutes = (time.perf_counter() - start) / 60
     print(f"\n{as_text(lines)}\n\n{len(scores)} cases in {minutes:.1f} minutes")

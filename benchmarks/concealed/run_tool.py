@@ -67,21 +67,41 @@ def _arl(log: Path, *words: str) -> _Done:
 
 
 def ask(case: Path, out: Path) -> Answer:
-    """Run the tool on a case's table and let it predict the held-out rows."""
+    """Run the tool on a case's table and let it predict the held-out rows; what it said stays in `out`."""
     out.mkdir(parents=True, exist_ok=True)
     start = time.perf_counter()
     done = _arl(out / "reconcile.txt", "reconcile", str(case / "table.parquet"), "--out", str(out / "diagnosis"))
-    seconds, cpu = time.perf_counter() - start, done.cpu_s
+    seconds, error = time.perf_counter() - start, ""
     if done.status != 0:
-        return Answer(None, {}, seconds, cpu, done.message or f"exit status {done.status}")
-    diagnosis = json.loads((out / "diagnosis" / "diagnosis.json").read_text())
-    _without_measured(case / "heldout.parquet", out / "unseen.parquet")
-    file = out / "predicted.parquet"
-    done = _arl(
-        out / "predict.txt", "predict", str(out / "diagnosis"), str(out / "unseen.parquet"), "--out", str(file)
-    )
-    if done.status != 0:
-        return Answer(diagnosis, {}, seconds, cpu, "predict: " + done.message)
-    table = pq.read_table(file)
-    predicted = {n: table[n].to_numpy(zero_copy_only=False) for n in table.column_names if n.startswith("corrected_")}
-    return Answer(diagnosis, predicted, seconds, cpu, "")
+        error = done.message or f"exit status {done.status}"
+    else:
+        _without_measured(case / "heldout.parquet", out / "unseen.parquet")
+        words = (
+            "predict",
+            str(out / "diagnosis"),
+            str(out / "unseen.parquet"),
+            "--out",
+            str(out / "predicted.parquet"),
+        )
+        later = _arl(out / "predict.txt", *words)
+        error = f"predict: {later.message}" if later.status != 0 else ""
+    spent = {"seconds": seconds, "cpu_seconds": done.cpu_s, "error": error}
+    (out / "spent.json").write_text(json.dumps(spent))
+    return read_answer(out)
+
+
+def answered(out: Path) -> bool:
+    """Whether `ask` ran to its end in this folder."""
+    return (out / "spent.json").exists()
+
+
+def read_answer(out: Path) -> Answer:
+    """What an earlier `ask` left behind."""
+    spent = json.loads((out / "spent.json").read_text())
+    told, file = out / "diagnosis" / "diagnosis.json", out / "predicted.parquet"
+    predicted = {}
+    if file.exists():
+        table = pq.read_table(file)
+        names = [n for n in table.column_names if n.startswith("corrected_")]
+        predicted = {n: table[n].to_numpy(zero_copy_only=False) for n in names}
+    return Answer(json.loads(told.read_text()) if told.exists() else None, predicted, **spent)

@@ -66,6 +66,7 @@ class Score:
     seconds: float = 0.0
     cpu_seconds: float = 0.0
     failed: str = ""
+    answered: bool = True
     parameters: list[tuple[str, float, bool]] = field(default_factory=list)
 
 
@@ -149,7 +150,10 @@ def score(truth: dict[str, Any], folder: Path, answer: Answer) -> Score:
         cpu_seconds=answer.cpu_seconds,
         failed=answer.error,
     )
-    if answer.diagnosis is None:
+    if answer.diagnosis is None:  # no answer is a wrong one in every count, but no wrong name
+        mark.answered = mark.named = mark.wrong = False
+        if told:
+            mark.classed = mark.exact = mark.both = mark.channel = False
         return mark
     findings = answer.diagnosis["findings"]
     mark.said = tuple(f["effect"] for f in findings)

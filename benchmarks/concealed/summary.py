@@ -21,10 +21,7 @@ def _median(values: Iterable[float | None], unit: str = "") -> str:
 
 def figures(scores: list[Score]) -> list[Line]:
     """(measure, reached, to reach) in the order of the promise."""
-    kinds = {
-        k: [s for s in scores if s.kind == k and not (s.failed and not s.said)]
-        for k in ("null", "single", "pair", "unknown")
-    }
+    kinds = {k: [s for s in scores if s.kind == k] for k in ("null", "single", "pair", "unknown")}
     one, two, none, other = kinds["single"], kinds["pair"], kinds["null"], kinds["unknown"]
     lines: list[Line] = [
         ("null tables that end consistent", _rate(s.named for s in none), "≥ 98 %"),
@@ -55,7 +52,7 @@ def figures(scores: list[Score]) -> list[Line]:
         ("95 % intervals that cover", _rate(p[2] for s in one for p in s.parameters), "90–98 %"),
         ("CPU seconds per case (median)", _median((s.cpu_seconds for s in scores), " s"), ""),
         ("CPU seconds, slowest case", f"{max((s.cpu_seconds for s in scores), default=0.0):.0f} s", ""),
-        ("cases without an answer", str(sum(1 for s in scores if s.failed and not s.said and s.failed != "")), "0"),
+        ("cases without an answer", str(sum(not s.answered for s in scores)), "0"),
     ]
     return lines
 
