@@ -24,6 +24,7 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
 )
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illumination, log_profile, ray_column
+from arl_fixtures.reconcile.effects_render import rendered_elsewhere
 from arl_fixtures.reconcile.effects_sweep import along_sweep, bend_of_sweeps
 from arl_fixtures.reconcile.view import View
 
@@ -325,9 +326,34 @@ def point_elsewhere(
         turn, lift: change of the ray's direction, degrees; positive along azimuth and elevation.
         beam_turns: whether the illumination goes with the ray (a turned sensor) or stays (a changed lens).
     """
+    rendered = rendered_elsewhere(view, turn, lift)
+    if rendered is None:
+        changes = _changes(view, turn, lift)
+    else:
+        here = per_view(view, "rendered here", lambda: rendered_elsewhere(view, 0.0, 0.0)) or {}
+        changes = {
+            name: there - here[name] if name in distances(view) else there / here[name]
+            for name, there in rendered.items()
+        }
+    for name, change in changes.items():
+        if name not in state:
+            continue
+        if name in distances(view):
+            state[name] = state[name] + np.where(np.isfinite(change), change, 0.0)
+            continue
+        ratio = change
+        profile = None if beam_turns else illumination(view, name)
+        if profile is not None:
+            az, el = azimuth(view), elevation(view)
+            ratio = ratio * np.exp(profile.log(az + turn, el + lift) - log_profile(view, name))
+        set_light(view, state, name, state[name] * np.clip(np.where(np.isfinite(ratio), ratio, 1.0), 0.01, 100.0))
+
+
+def _changes(view: View, turn: FloatArray | float, lift: FloatArray | float) -> dict[str, FloatArray]:
+    """Ratio of each signal and difference of each distance between the turned ray and the row's own."""
     found = scene(view)
     if found is None or not found.curves:
-        return
+        return {}
     el = elevation(view)
     before, after = dict(_here(found, view)), _at(found, view, turn, lift)
     patchy = found.patchy[view.rows]
@@ -340,19 +366,11 @@ def point_elsewhere(
             before[name] = np.where(swap, own_before[name] * scale, before[name])
             after[name] = np.where(swap, there * scale, after[name])
     changed = np.cos(np.radians(el + lift)) / np.cos(np.radians(el))
+    changes = {}
     for name in found.curves:
-        if name not in state:
-            continue
-        here, there = before[name], after[name]
-        if name in distances(view):
-            moved = (there / changed - here) / np.cos(np.radians(el))
-            state[name] = state[name] + np.where(np.isfinite(moved), moved, 0.0)
-            continue
         with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = there / here * changed**3
-        if not beam_turns:
-            profile = illumination(view, name)
-            if profile is not None:
-                az = azimuth(view)
-                ratio = ratio * np.exp(profile.log(az + turn, el + lift) - log_profile(view, name))
-        set_light(view, state, name, state[name] * np.clip(np.where(np.isfinite(ratio), ratio, 1.0), 0.01, 100.0))
+            if name in distances(view):
+                changes[name] = (after[name] / changed - before[name]) / np.cos(np.radians(el))
+            else:
+                changes[name] = after[name] / before[name] * changed**3
+    return changes

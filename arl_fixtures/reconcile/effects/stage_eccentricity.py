@@ -17,6 +17,7 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
 )
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation
+from arl_fixtures.reconcile.effects_render import nearest_rendered
 from arl_fixtures.reconcile.effects_scene import point_elsewhere, scanned_channels, scene
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
@@ -111,6 +112,9 @@ def _direction(view: View, variant: Variant) -> tuple[FloatArray, FloatArray]:
 def _nearest(view: View, distance: str) -> FloatArray:
     """Shortest simulated distance among a row and its neighbours: an edge's parallax is that of the nearer "
     "surface."""
+    rendered = nearest_rendered(view)
+    if rendered is not None:
+        return rendered
     nearest = view.number(f"sim_{distance}")
     for steps in (-1, 1):
         nearest = np.fmin(nearest, view.take_number(f"sim_{distance}", view.sweep_place(steps)))
