@@ -1,0 +1,112 @@
+"""`arl report`, `arl judge`, `arl history`: what is made of journals after the test."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import sys
+from operator import attrgetter
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from arl_fixtures.errors import ConfigError
+from arl_fixtures.journal.index import HistoryRow, rebuild
+from arl_fixtures.journal.index import history as read_history
+from arl_fixtures.journal.record import read_journal
+from arl_fixtures.journal.rejudge import rejudge
+from arl_fixtures.metrics.limits import check_metrics, load_limits
+from arl_fixtures.metrics.registry import metric_names
+from arl_fixtures.report.cycles import load_cycles
+from arl_fixtures.report.document import make_report
+from arl_fixtures.report.text import rounded, shown, with_unit
+from arl_fixtures.report.write import map_maker, report_name, write_report
+
+PATH = click.Path(path_type=Path)
+
+
+@click.command()
+@click.argument("cycles", type=PATH, nargs=-1, required=True, metavar="CYCLE…")
+@click.option("--out", type=PATH, metavar="FOLDER", help="where the report goes (default: beside the first journal)")
+@click.option("--bench", metavar="FILE", default="", help="bench file of the session, for the maps")
+def report(cycles: tuple[Path, ...], out: Path | None, bench: str) -> None:
+    """Write the sign-off report of output folders or journals, as PDF and as one HTML page."""
+    loaded = load_cycles(cycles)
+    newest = loaded[-1].record
+    folder = out or loaded[0].record.path.parent
+    made = make_report(loaded, map_maker(newest, bench))
+    for path in write_report(made, folder, report_name(loaded)):
+        click.echo(str(path))
+    click.echo(f"{made.verdict.text}{': ' * bool(made.decided_by)}{made.decided_by}")
+
+
+@click.command()
+@click.argument("journal", type=PATH)
+@click.option("--limits", type=PATH, required=True, metavar="FILE", help="the new limits")
+def judge(journal: Path, limits: Path) -> None:
+    """Judge the measurements of an old journal anew, into a new journal beside it; the old one stays as it is."""
+    wanted = load_limits(limits)
+    check_metrics(wanted, metric_names(), limits)
+    try:
+        digest = hashlib.sha256(limits.read_bytes()).hexdigest()
+    except OSError as error:
+        raise ConfigError(f"cannot read: {error.strerror}", path=limits) from None
+    old = read_journal(journal)
+    new = rejudge(old, wanted, digest)
+    click.echo(str(new.path))
+    click.echo(
+        f"RE-JUDGEMENT of {journal.name} against '{wanted.name}' version {wanted.version}: "
+        f"{new.end.verdict if new.end else 'INVALID'} (was {old.end.verdict if old.end else 'not ended'})"
+    )
+
+
+@click.command()
+@click.argument("folder", type=PATH)
+@click.option("--metric", metavar="NAME", help="one metric only")
+@click.option("--dut", metavar="SERIAL", help="one DUT only")
+@click.option("--step", metavar="ID", help="one step only, e.g. c0003-07-up+25C")
+@click.option("--rejudged", is_flag=True, help="re-judgements instead of the sessions themselves")
+@click.option("--csv", "as_csv", is_flag=True, help="comma-separated, everything the index knows of each value")
+@click.option("--most", type=click.IntRange(min=1), default=1000, show_default=True, help="most rows")
+def history(
+    folder: Path, metric: str | None, dut: str | None, step: str | None, rejudged: bool, as_csv: bool, most: int
+) -> None:
+    """List the values of all journals below a folder; rebuilds their index."""
+    # one more than is shown, to know whether some are left out
+    rows = read_history(
+        rebuild(folder),
+        metric=metric,
+        dut=dut,
+        step_id=step,
+        rejudged=rejudged,
+        limit=sys.maxsize if as_csv else most + 1,
+    )
+    if as_csv:
+        writer = csv.writer(click.get_text_stream("stdout"), lineterminator="\n")
+        names = tuple(HistoryRow.__dataclass_fields__)
+        writer.writerow(names)
+        writer.writerows([_safe(value) for value in attrgetter(*names)(row)] for row in rows)
+        return
+    table = Table(box=None, header_style="bold")
+    for title in ("step", "try", "DUT", "metric", "value", "verdict", "reason"):
+        table.add_column(title, overflow="fold", no_wrap=title in {"step", "DUT", "verdict"})
+    for row in rows[:most]:
+        table.add_row(*(escape(cell) for cell in _cells(row)))
+    Console().print(table)
+    if len(rows) > most:
+        click.echo(f"the first {most} values; more with --most, all with --csv", err=True)
+
+
+def _cells(row: HistoryRow) -> tuple[str, ...]:
+    value = "–" if row.value is None else with_unit(rounded(row.value, row.uncertainty or 0.0), row.unit)
+    name = f"{row.metric}[{row.scope}]" if row.scope else row.metric
+    texts = (row.step_id, str(row.attempt), row.dut, name, value, row.verdict, row.reason)
+    return tuple(shown(text) for text in texts)
+
+
+def _safe(value: object) -> object:
+    """A text that a spreadsheet would take for a formula is marked as text."""
+    return f"'{value}" if isinstance(value, str) and value[:1] in {"=", "+", "@", "\t", "\r"} else value

@@ -1,0 +1,159 @@
+"""The whole report, put together from cycles; how it looks is left to HTML and PDF."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from arl_fixtures.metrics.verdict import worst
+from arl_fixtures.report import figures, sections
+from arl_fixtures.report.blocks import Block, Cell, Picture, Report, Section, Signatures, Table, Text, verdict_cell
+from arl_fixtures.report.cycles import Cycle
+from arl_fixtures.report.events import events
+from arl_fixtures.report.maps import MapMaker
+from arl_fixtures.report.results import result_rows
+from arl_fixtures.report.text import shown, utc_text
+
+OVER_TEMPERATURE: Final = (
+    ("power_change", ""),
+    ("power_worst_3x3", ""),
+    ("distance_error", "stripe_50"),
+    ("focal_length_change", "fx"),
+    ("principal_point_change", "cx"),
+)
+TITLE: Final = "Qualification report"
+ROLES: Final = ("Tested by", "Reviewed by", "Released by")
+
+
+def make_report(cycles: Sequence[Cycle], maps: MapMaker) -> Report:
+    """The report of some cycles; details are those of the newest.
+
+    Args:
+        cycles: at least one, in order.
+        maps: where maps come from.
+    """
+    newest = cycles[-1]
+    pictures: dict[str, bytes] = {}
+    body = [
+        sections.identity(newest),
+        sections.decision(newest),
+        *([_all_cycles(cycles)] if len(cycles) > 1 else []),
+        sections.verdicts(newest),
+        *(sections.shortfalls(cycle) for cycle in cycles[-1:]),
+        _temperatures(newest, pictures),
+        _maps(newest, maps, pictures),
+        _over_temperature(newest, pictures),
+        *(events(record) for record in {cycle.record.path: cycle.record for cycle in cycles}.values()),
+        Section(title="Signatures", blocks=(Signatures(roles=ROLES),)),
+    ]
+    verdict = worst(cycle.verdict for cycle in cycles)
+    deciding = next(cycle for cycle in cycles if cycle.verdict is verdict)
+    serials = ", ".join(shown(dut.serial) for dut in newest.record.identity.duts)
+    numbers = f"cycle {newest.number}" if len(cycles) == 1 else f"cycles {cycles[0].number} to {newest.number}"
+    said = deciding.decided_by
+    return Report(
+        title=TITLE,
+        subtitle=f"{serials} – {shown(newest.record.begin.campaign)}, {numbers}",
+        verdict=verdict_cell(verdict.value),
+        decided_by=f"cycle {deciding.number}, {said}" if said and len(cycles) > 1 else said,
+        banner=_banner(cycles),
+        sections=tuple(body),
+        footer=f"{shown(newest.record.begin.campaign)}, {numbers}, until {utc_text(newest.end_utc_ns)}",
+        pictures=pictures,
+    )
+
+
+def _banner(cycles: Sequence[Cycle]) -> str:
+    said = {cycle.record.path: cycle.record for cycle in cycles if cycle.record.begin.rejudged_from}
+    return " ".join(
+        f"RE-JUDGEMENT: the measurements of {shown(record.begin.rejudged_from)} were judged anew against limits "
+        f"'{shown(record.identity.limits_name)}' (SHA-256 {record.identity.limits_sha256[:12]}…). "
+        "Verdicts are not those of the test."
+        for record in said.values()
+    )
+
+
+def _all_cycles(cycles: Sequence[Cycle]) -> Section:
+    rows = tuple(
+        (
+            Cell(str(cycle.number)),
+            Cell(shown(cycle.record.path.name)),
+            Cell(utc_text(cycle.end_utc_ns)),
+            Cell(f"{sum(step.finished for step in cycle.steps.values())} of {len(cycle.planned)}"),
+            verdict_cell(cycle.verdict.value),
+            Cell(cycle.decided_by or "–"),
+        )
+        for cycle in cycles
+    )
+    table = Table(
+        header=("Cycle", "Journal", "Ended", "Steps finished", "Verdict", "Decided by"),
+        rows=rows,
+        weights=(0.8, 2.0, 2.2, 1.3, 1.5, 3.2),
+        note=f"Tables, maps and drawings of a single cycle in this report are those of cycle {cycles[-1].number}.",
+    )
+    return Section(title="Cycles", blocks=(table,))
+
+
+def _temperatures(cycle: Cycle, pictures: dict[str, bytes]) -> Section:
+    if not any(attempt.end is not None and attempt.end.temperatures_c for attempt in cycle.attempts):
+        missing = Text(text="The journal holds no temperatures.", tone="not_run")
+        return Section(title="Temperatures", blocks=(missing,))
+    pictures["temperatures.svg"] = figures.temperatures(cycle)
+    picture = Picture(
+        name="temperatures.svg",
+        caption="Mean of each sensor over each step's sweep, at its end; bars: set temperature from the step's begin "
+        "to its end.",
+        alt="Temperatures of the bench's sensors over the cycle, with the set temperatures",
+        share=0.8,
+    )
+    return Section(title="Temperatures against set-points", blocks=(picture,))
+
+
+def _maps(cycle: Cycle, maps: MapMaker, pictures: dict[str, bytes]) -> Section:
+    attempt = cycle.at_temperature(cycle.reference_c)
+    if attempt is None:
+        missing = Text(text="No step was finished: there are no maps.", tone="not_run")
+        return Section(title="Maps", blocks=(missing,))
+    begin = attempt.begin
+    blocks: list[Block] = [
+        Text(
+            text=f"Measured anew from the bag of step {shown(begin.step_id)} (set {begin.set_temperature_c:g} °C). "
+            "Rows v and columns u as in the image; colours span the 1st to the 99th percentile, white pixels have no "
+            "value."
+        )
+    ]
+    reasons: dict[str, None] = {}
+    for number, (serial, found) in enumerate(maps.of_attempt(cycle.record, attempt).items(), start=1):
+        reasons |= dict.fromkeys(each.reason for each in found if each.reason)
+        if all(each.values is None for each in found):
+            continue
+        name = f"maps-{number}.png"
+        pictures[name] = figures.map_sheet(found)
+        alt = f"Maps of {shown(serial)}: " + "; ".join(each.title for each in found)
+        blocks.append(Picture(name=name, caption=f"DUT {shown(serial)}", alt=alt, share=0.8))
+    blocks += [Text(text=f"Missing: {shown(reason)}", tone="conditional") for reason in reasons]
+    return Section(title="Maps: P_o, its change, σ, ΔD", blocks=tuple(blocks))
+
+
+def _over_temperature(cycle: Cycle, pictures: dict[str, bytes]) -> Section:
+    limits = {(row.metric, row.scope): row.limit for row in result_rows(cycle.finished)}
+    measured = {
+        (each.metric, each.scope)
+        for attempt in cycle.finished
+        for each in attempt.measurements
+        if each.value is not None
+    }
+    there = [key for key in OVER_TEMPERATURE if key in measured]
+    blocks = sections.camera(cycle)
+    if there:
+        pictures["over-temperature.svg"] = figures.over_temperature(cycle, there, limits)
+        blocks.append(
+            Picture(
+                name="over-temperature.svg",
+                caption="Selected metrics over the set temperature, with 95 % intervals; dashed: limits near enough "
+                "to be drawn.",
+                alt="Power change, worst 3 by 3 neighbourhood, distance error and camera changes over temperature",
+                share=0.8,
+            )
+        )
+    return Section(title="K, and metrics over temperature", blocks=tuple(blocks))

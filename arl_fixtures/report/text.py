@@ -1,0 +1,112 @@
+"""Numbers, times and foreign texts as a reader of the report sees them."""
+
+from __future__ import annotations
+
+import math
+import unicodedata
+from datetime import UTC, date, datetime
+from typing import Final
+
+from arl_fixtures.journal.entries import AppliedLimit, Measurement
+from arl_fixtures.quantity import convert, coverage_factor
+
+COVERAGE: Final = 0.95
+NOTHING: Final = "–"
+_HIDDEN: Final = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
+_MOST: Final = 400
+
+
+def shown(text: str) -> str:
+    """A text from a device or a person, on one line and of bounded length; what would not be seen is spelt out.
+
+    Control and direction marks could make a report say something else than its bytes.
+
+    >>> shown("SN\\u202e1\\n")
+    'SN\\\\u202e1\\\\x0a'
+    """
+    spelt = "".join(_spelt(character) for character in text)
+    return spelt if len(spelt) <= _MOST else spelt[:_MOST] + "…"
+
+
+def _spelt(character: str) -> str:
+    if unicodedata.category(character) not in _HIDDEN:
+        return character
+    code = ord(character)
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+
+
+def rounded(value: float, half_width: float) -> str:
+    """Value and half width of its interval, the latter to two digits: `-0.012 ± 0.034`."""
+    if not math.isfinite(value):
+        return str(value)
+    if not math.isfinite(half_width) or half_width <= 0.0:
+        return f"{value:.6g}"
+    digits = 1 - math.floor(math.log10(half_width))
+    if digits > 9 or digits < -4:
+        return f"{value:.6g} ± {half_width:.2g}"
+    digits = max(digits, 0)
+    return f"{value:.{digits}f} ± {half_width:.{digits}f}"
+
+
+def expanded(measurement: Measurement) -> float:
+    """Expanded uncertainty with 95 % coverage, in the measurement's unit; 0 where it has none."""
+    if not measurement.u:
+        return 0.0
+    return coverage_factor(math.inf if measurement.dof is None else measurement.dof, COVERAGE) * measurement.u
+
+
+def value_text(measurement: Measurement | None, unit: str = "") -> str:
+    """A measured value with its 95 % interval, in `unit` where one is given."""
+    if measurement is None or measurement.value is None:
+        return NOTHING
+    unit = unit or measurement.unit
+    value = convert(measurement.value, measurement.unit, unit)
+    # an interval has no zero of its own: only the scale matters
+    half = abs(convert(expanded(measurement), measurement.unit, unit) - convert(0.0, measurement.unit, unit))
+    return with_unit(rounded(value, half), unit)
+
+
+def with_unit(number: str, unit: str) -> str:
+    """Number and unit, brackets where a ± would leave the unit to one of the two."""
+    if unit in {"", "1"}:
+        return number
+    return f"({number}) {unit_text(unit)}" if "±" in number else f"{number} {unit_text(unit)}"
+
+
+def unit_text(unit: str) -> str:
+    """A unit as it is printed."""
+    return {"degC": "°C", "deg": "°", "1": "", "um": "µm", "us": "µs"}.get(unit, unit)
+
+
+def limit_text(limit: AppliedLimit | None) -> str:
+    """Bounds with their unit."""
+    if limit is None:
+        return NOTHING
+    if limit.lower is None:
+        return with_unit(f"≤ {limit.upper:g}", limit.unit)
+    if limit.upper is None:
+        return with_unit(f"≥ {limit.lower:g}", limit.unit)
+    return with_unit(f"{limit.lower:g} … {limit.upper:g}", limit.unit)
+
+
+def metric_text(metric: str, scope: str) -> str:
+    """Metric with its scope."""
+    return f"{metric}[{shown(scope)}]" if scope else metric
+
+
+def utc_text(utc_ns: int) -> str:
+    """Date and time, UTC; a dash for 0, which means never."""
+    if not utc_ns:
+        return NOTHING
+    return datetime.fromtimestamp(utc_ns // 1_000_000_000, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def utc_date(utc_ns: int) -> date:
+    """Calendar day, UTC."""
+    return datetime.fromtimestamp(utc_ns // 1_000_000_000, UTC).date()
+
+
+def duration_text(seconds: float) -> str:
+    """Hours and minutes."""
+    hours, minutes = divmod(round(seconds / 60.0), 60)
+    return f"{hours} h {minutes:02d} min"
