@@ -108,7 +108,7 @@ class Decision:
         return state
 
     def _add_patterns(self) -> None:
-        for pattern in find_patterns(self.problem, self.effects, self.best.terms)[:2]:
+        for pattern in find_patterns(self.problem, self.effects, self.best.terms, self.search.failed)[:2]:
             calibration = is_calibration(self.problem, pattern, self.best.terms)
             largest = max(
                 (self.search.gains.get(k, 0.0) for k, t in enumerate(self.best.terms)

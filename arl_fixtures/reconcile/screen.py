@@ -74,16 +74,30 @@ def gumbel_quantile(draws: FloatArray, level: float) -> float:
     return location - scale * float(np.log(-np.log(level)))
 
 
-def all_variants(problem: Problem, effects: Sequence[Effect]) -> list[tuple[Effect, Variant]]:
-    """Every way in which every effect could act in this table and change a compared channel."""
+def all_variants(
+    problem: Problem, effects: Sequence[Effect], failed: dict[str, str] | None = None
+) -> list[tuple[Effect, Variant]]:
+    """Every way in which every effect could act in this table and change a compared channel.
+
+    An effect that raises (a plug-in, an odd table) must not take the others with it: it is noted in `failed`.
+    """
     names = set(problem.names)
-    return [
-        (effect, variant)
-        for effect in effects
-        if effect.kind is Kind.MEAN
-        for variant in effect.variants(problem.view)
-        if names & set(variant.channels) and not any(p.per for p in variant.parameters)
-    ]
+    found: list[tuple[Effect, Variant]] = []
+    for effect in effects:
+        if effect.kind is not Kind.MEAN:
+            continue
+        try:
+            variants = [v for v in effect.variants(problem.view) if names & set(v.channels)]
+            variants = [v for v in variants if not any(p.per for p in v.parameters)]
+            for variant in variants[:1]:
+                term = Term(effect=effect, variant=variant, values=default_values(variant, amplitude=0.1))
+                forward([term], problem.view)
+        except Exception as error:
+            if failed is not None:
+                failed[effect.id] = f"was not tried: {type(error).__name__} {error}"
+            continue
+        found += [(effect, variant) for variant in variants]
+    return found
 
 
 def starts_of(variant: Variant) -> Iterator[dict[str, float]]:

@@ -140,7 +140,8 @@ class Search:
         empty = forward([], self.full.view)
         self.before = {d.channel.name: self.looker.calibrate(d, empty) for d in self.full.data}
         self.small = self._small()
-        self.variants = all_variants(self.small, effects)
+        self.failed: dict[str, str] = {}
+        self.variants = all_variants(self.small, effects, self.failed)
         self.gains: dict[int, float] = {}
 
     def _small(self) -> Problem:
@@ -261,7 +262,7 @@ class Search:
         self.full.refit_scatter(forward(terms, self.full.view), lost=float(len(base.keys)))
         polished = finish(self.full, fit(self.full, terms, rounds=rounds))
         gain = polished.log_likelihood - base.log_likelihood - PRICE * (len(polished.keys) - len(base.keys))
-        robust = robust_gain(self.full, polished, len(base.terms))
+        robust = robust_gain(self.full, polished, len(base.terms), gain)
         for d, tau in kept:
             d.rebuild(tau)
         return Ranked(candidate=candidate, fit=polished, gain=gain, robust=robust)
@@ -299,46 +300,44 @@ def shortlist(candidates: Sequence[Candidate], size: int = SHORTLIST, per_effect
     return chosen
 
 
-def robust_gain(problem: Problem, found: Fit, first: int) -> float:
-    """Gain of the terms from `first` on, as a Wald test with errors shared by steps, angles or pixels sees it.
+def robust_gain(problem: Problem, found: Fit, first: int, gain: float) -> float:
+    """A gain of the terms from `first` on, as a test sees it that allows for errors shared by steps, angles or pixels.
 
-    Scores are summed over whole groups, their scatter over groups gives the covariance (sandwich), blended with the
-    model's own as if that rested on `PRIOR_GROUPS` groups; Hotelling's F gives its small-sample law. The least
-    favourable grouping counts. Returned as an equivalent log-likelihood gain.
+    The fitted change as a whole is one direction. The scores along it, summed over whole groups, scatter more than the
+    model says where rows share errors: that ratio (sandwich over model, blended as if the model's own rested on
+    `PRIOR_GROUPS` groups) divides the gain, and Student's tail for the number of groups replaces the normal one. The
+    least favourable grouping counts.
     """
-    keys = [k for k, (index, p) in enumerate(found.keys) if index >= first and p.is_amplitude]
-    if not keys:
-        return np.inf
-    jacobian, residual = found.jacobian, found.residual
-    gram = jacobian.T @ jacobian
-    good = np.diag(gram) > 1e-12
-    inverse = np.zeros_like(gram)
-    inverse[np.ix_(good, good)] = np.linalg.pinv(gram[np.ix_(good, good)], hermitian=True)
-    null = np.array([found.keys[k][1].null or 0.0 for k in keys])
-    value = found.values()[keys] - null
+    if gain <= 0.0 or len(found.terms) == first:
+        return gain
+    others = forward(found.terms[:first], problem.view)
+    change = problem.whiten_change(others, found.state)
+    kept = [k for k, (index, _) in enumerate(found.keys) if index < first]
+    if kept:
+        basis, _ = np.linalg.qr(found.jacobian[:, kept])
+        change = change - basis @ (basis.T @ change)
+    power = float(change @ change)
+    if power <= 0.0:
+        return 0.0
     worst = np.inf
     for code in (problem.groups.step, problem.groups.angle, problem.groups.pixel, problem.groups.block):
         if code is None:
             continue
-        inverse_code = np.unique(problem.codes(code), return_inverse=True)[1]
-        groups = int(inverse_code.max()) + 1
-        if groups < 4:
+        group = np.unique(problem.codes(code), return_inverse=True)[1]
+        count = int(group.max()) + 1
+        if count < 4:
             continue
-        scores = np.stack([np.bincount(inverse_code, column * residual, minlength=groups) for column in jacobian.T])
-        sandwich = inverse @ (scores @ scores.T) @ inverse * groups / (groups - 1.0)
-        covariance = (PRIOR_GROUPS * inverse + groups * sandwich) / (PRIOR_GROUPS + groups)
-        block = covariance[np.ix_(keys, keys)]
-        wald = float(value @ np.linalg.pinv(block, hermitian=True) @ value)
-        k = len(keys)
-        whole = PRIOR_GROUPS + groups - 1.0
-        rest = whole + 1.0 - k
-        p_log = stats.f.logsf(wald * rest / (k * whole), k, rest)
-        worst = min(worst, _gain_of(float(p_log), k))
-    return worst
+        scores = np.bincount(group, change * found.residual, minlength=count)
+        ratio = float(scores @ scores) / power * count / (count - 1.0)
+        ratio = max((PRIOR_GROUPS + count * ratio) / (PRIOR_GROUPS + count), 1.0)
+        freedom = PRIOR_GROUPS + count - 1.0
+        worst = min(worst, _normal_gain(np.sqrt(2.0 * gain / ratio), freedom))
+    return gain if not np.isfinite(worst) else worst
 
 
-def _gain_of(p_log: float, k: int) -> float:
-    """Log-likelihood gain of k parameters that has this log p-value (half a chi-square quantile)."""
-    if p_log > -600.0:
-        return 0.5 * float(stats.chi2.isf(np.exp(p_log), k))
-    return -p_log
+def _normal_gain(t_value: float, freedom: float) -> float:
+    """Half the square of the normal deviate with the tail probability of a Student deviate."""
+    log_tail = float(stats.t.logsf(t_value, freedom))
+    if log_tail < -650.0:
+        return -log_tail
+    return 0.5 * float(stats.norm.isf(np.exp(log_tail))) ** 2
