@@ -117,3 +117,8 @@ def smooth(design: Design, rng: np.random.Generator) -> Design:
     Nine sharp rays per pixel turn a small displacement into a few large jumps at edges: visible, but never faint.
     """
     return replace(design, smooth=bool(rng.random() < 0.75))
+
+
+def displaced(design: Design, rng: np.random.Generator) -> Design:
+    """A design for displacements: smooth edges, or none at all, so that only distances and the beam tell of them."""
+    return replace(design, inside_only=True) if rng.random() < 0.35 else smooth(design, rng)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.concealed.designs import fine_sweep, smooth, sparse
+from benchmarks.concealed.designs import displaced, fine_sweep, smooth, sparse
 from benchmarks.concealed.effect import DISTANCE, FIELD, INTENSITY, Effect, Parameter, sign, wide
 from benchmarks.concealed.flash import Light, Reality
 from benchmarks.concealed.recipe import Recipe
@@ -152,7 +152,7 @@ def _zero_offset(rng: np.random.Generator, rows: Rows, design: Design) -> Effect
         channels=(INTENSITY, DISTANCE),
         drivers=("sweep_direction", *EDGE),
         start=0.02,
-        limit=2.0,
+        limit=4.0,
         needs=("stage_angle_deg", "sweep_direction", *FIELD),
         unseen=("steps", "dut"),
         equivalents=(
@@ -200,7 +200,7 @@ def _periodic_error(rng: np.random.Generator, rows: Rows, design: Design) -> Eff
         channels=(INTENSITY, DISTANCE),
         drivers=EDGE,
         start=0.03,
-        limit=2.0,
+        limit=4.0,
         needs=("stage_angle_deg", *FIELD),
         unseen=("steps",),
         parameters=lambda a: (Parameter(pattern="period", value=period, unit="deg"),),
@@ -279,7 +279,7 @@ def _frame_lag(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
 
 
 def _both_or_one_way(rng: np.random.Generator) -> Design:
-    design = smooth(fine_sweep(rng, duts=int(rng.choice([1, 2]))), rng)
+    design = displaced(fine_sweep(rng, duts=int(rng.choice([1, 2]))), rng)
     return replace(design, both_ways=True, shuffled=False) if rng.random() < 0.3 else design
 
 
@@ -289,9 +289,9 @@ RECIPES = (
     Recipe("target.edge_mixing", lambda r: fine_sweep(r, pixels=24, steps=5, span_deg=20), _edge_mixing),
     Recipe("air.multipath", lambda r: sparse(r, pixels=60, angles=15, steps=5), _multipath),
     Recipe("stage.zero_offset", _both_or_one_way, _zero_offset),
-    Recipe("stage.eccentricity", lambda r: smooth(sparse(r, pixels=60, angles=19, steps=5), r), _eccentricity),
-    Recipe("stage.periodic_error", lambda r: smooth(fine_sweep(r, pixels=24, span_deg=27), r), _periodic_error),
-    Recipe("mount.tilt", lambda r: smooth(fine_sweep(r, duts=int(r.choice([2, 3])), pixels=20), r), _tilt),
+    Recipe("stage.eccentricity", lambda r: displaced(sparse(r, pixels=60, angles=19, steps=5), r), _eccentricity),
+    Recipe("stage.periodic_error", lambda r: displaced(fine_sweep(r, pixels=24, span_deg=27), r), _periodic_error),
+    Recipe("mount.tilt", lambda r: displaced(fine_sweep(r, duts=int(r.choice([2, 3])), pixels=20), r), _tilt),
     Recipe("bench.repeatability", lambda r: sparse(r, steps=30, angles=9, pixels=12), _repeatability),
     Recipe(
         "acquisition.frame_lag",

@@ -19,6 +19,7 @@ class Design:
     """Which conditions a table holds.
 
     `pixels` is an array (P, 2) of (u, v); `steps` indexes the 39 set points of a cycle; `cycles` are cycle counts.
+    `inside_only` leaves out what lies within a pixel of an edge, as users who mask edges do.
     `both_ways` sweeps back on every second step.
     `laser_program_k` moves the laser's TEC set point per (cycle, step) so that laser and housing part company.
     """
@@ -38,6 +39,7 @@ class Design:
     dwell_s: float = 6.0
     smooth: bool = False
     both_ways: bool = False
+    inside_only: bool = False
 
 
 @dataclass(slots=True, kw_only=True)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 SURFACES = ("wall", "stripe_18", "stripe_50", "stripe_80", "intrinsic_left", "intrinsic_right")
+FIRST_BOARD = 4  # surfaces from here on carry circles
 ARC_M = 1.1
 WALL_M = 1.6
 DUT_HEIGHT_M = (0.10, 0.0, -0.10)

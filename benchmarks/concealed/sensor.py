@@ -9,7 +9,8 @@ import numpy as np
 from benchmarks.concealed.effect import DISTANCE, INTENSITY, Effect
 from benchmarks.concealed.flash import Expected, Reality, expect, illuminate
 from benchmarks.concealed.logged import DECOYS, OPTIONAL, covariates
-from benchmarks.concealed.rows import SERIALS, Design, lay_out
+from benchmarks.concealed.rows import SERIALS, Design, Rows, lay_out
+from benchmarks.concealed.scene import FIRST_BOARD
 
 
 @dataclass(slots=True, kw_only=True)
@@ -49,9 +50,20 @@ class Sensor:
     writes_valid: bool = False
 
 
+def _inside(rows: Rows) -> np.ndarray:
+    """Rows whose pixel and both neighbours along the sweep see one surface, boards with circles left out."""
+    alone = np.ones(len(rows), dtype=bool)
+    for step in (-1, 0, 1):
+        hits = illuminate(rows, Reality(), u=rows.u + step).hits
+        alone &= (np.ptp(hits.surface, axis=1) == 0) & (hits.surface[:, 0] < FIRST_BOARD)
+    return alone
+
+
 def flash(rng: np.random.Generator, design: Design) -> Sensor:
     """The flash sensor on the bench."""
     rows = lay_out(design, rng)
+    if design.inside_only:
+        rows = rows.take(_inside(rows))
     footprint_rad = 0.0055 if design.smooth else 0.0
     light = illuminate(rows, Reality(footprint_rad=footprint_rad))
     sharp = illuminate(rows, Reality()) if design.smooth else light
