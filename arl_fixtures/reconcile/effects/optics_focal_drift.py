@@ -16,13 +16,13 @@ from arl_fixtures.reconcile.effects_common import (
     span,
     temperature_drivers,
 )
-from arl_fixtures.reconcile.effects_illumination import azimuth, elevation
+from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, ray_column
 from arl_fixtures.reconcile.effects_scene import point_elsewhere, scanned_channels, scene
 from arl_fixtures.reconcile.view import View
 
 
 class FocalDrift(Effect):
-    """f = f0·(1 + drift·ΔT): a pixel's ray moves inwards by drift·ΔT·sin·cos of its angle, across a fixed beam."""
+    """f = f0·(1 + drift·ΔT): a pixel's ray moves inwards as its offset from the axis shrinks, across a fixed beam."""
 
     id = "optics.focal_drift"
     stage = Stage.OPTICS
@@ -53,8 +53,8 @@ class FocalDrift(Effect):
         """The law."""
         column = variant.options["temperature"]
         return (
-            f"rays scale by 1 / (1 + drift * ({column} - {variant.options['reference']})) in tan(azimuth), "
-            "tan(elevation)"
+            f"a pixel at x looks where one at x / (1 + drift * ({column} - {variant.options['reference']})) looked, "
+            "x from the optical axis"
         )
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
@@ -74,5 +74,34 @@ class FocalDrift(Effect):
 
 
 def _terms(view: View) -> tuple[FloatArray, FloatArray]:
+    """How far azimuth and elevation of a row's ray move, in degrees, when the image grows by its own size.
+
+    From the table's own projection: azimuth = x·(c0 + c1 r² + c2 r⁴ + c3 r⁶) of the pixel's offset x from the axis,
+    and likewise the elevation; a pinhole's sin·cos where the table has no pixels.
+    """
     az, el = np.radians(azimuth(view)), np.radians(elevation(view))
-    return np.degrees(np.sin(az) * np.cos(az)), np.degrees(np.sin(el) * np.cos(el))
+    across, along = np.degrees(np.sin(az) * np.cos(az)), np.degrees(np.sin(el) * np.cos(el))
+    x, y = _offset(view, "u"), _offset(view, "v")
+    if x is None or y is None:
+        return across, along
+    radius = x**2 + y**2
+    some = slice(None, None, max(1, view.columns.n // 20_000))
+    terms = []
+    for place, name in ((x, "azimuth_deg"), (y, "elevation_deg")):
+        matrix = np.column_stack([place * radius**k for k in range(4)])
+        factors = np.linalg.lstsq(matrix[some], ray_column(view, name)[some], rcond=1e-9)[0]
+        grown = matrix @ (factors * (1.0 + 2.0 * np.arange(4)))
+        terms.append(np.asarray(grown[view.rows], dtype=np.float64))
+    return terms[0], terms[1]
+
+
+def _offset(view: View, letter: str) -> FloatArray | None:
+    """Pixel offset from the optical axis over 64, of the whole table; None where axis or pixels are not known."""
+    name, ray = f"pixel_{letter}", "azimuth_deg" if letter == "u" else "elevation_deg"
+    if not (view.varies(name) and view.varies(ray)):
+        return None
+    pixel, angle = np.nan_to_num(view.columns.numbers[name]), ray_column(view, ray)
+    near = np.abs(angle) < max(10.0, float(np.quantile(np.abs(angle), 0.2)))
+    if not near.any() or np.ptp(angle[near]) == 0.0:
+        return None
+    return np.asarray((pixel - np.polyfit(angle[near], pixel[near], 1)[1]) / 64.0)

@@ -11,6 +11,7 @@ from arl_fixtures.reconcile.effects_common import (
     amplitude,
     distances,
     excess,
+    period_starts,
     reference,
     shape,
     signals,
@@ -20,8 +21,6 @@ from arl_fixtures.reconcile.effects_common import (
 )
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
-
-_STARTS = 6
 
 
 class ColumnPattern(Effect):
@@ -55,10 +54,11 @@ class ColumnPattern(Effect):
         )
         if kind == "periodic":
             longest = min(span(view, axis), 64.0)
-            starts = 1.0 / np.linspace(1.0 / longest, 1.0 / _SHORTEST, _STARTS)
+            starts = period_starts(_SHORTEST, longest, span(view, axis), most=40)
+            whole = tuple(period for period in (3.0, 4.0, 5.0, 6.0, 8.0, 16.0) if period < longest)
             parameters += (
                 amplitude("sine", per, -50 * size / scale, 50 * size / scale, size / scale),
-                shape("period", "px", _SHORTEST, longest, *starts),
+                shape("period", "px", _SHORTEST, longest, *whole, *starts),
             )
         return Variant(
             effect=self.id,

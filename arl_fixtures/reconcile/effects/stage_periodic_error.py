@@ -7,11 +7,9 @@ from collections.abc import Iterable
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
-from arl_fixtures.reconcile.effects_common import amplitude, shape
+from arl_fixtures.reconcile.effects_common import amplitude, period_starts, shape
 from arl_fixtures.reconcile.effects_scene import point_elsewhere, scanned_channels, scene
 from arl_fixtures.reconcile.view import View
-
-_STARTS = 6
 
 
 class PeriodicError(Effect):
@@ -39,9 +37,7 @@ class PeriodicError(Effect):
             parameters=(
                 amplitude("sine", "deg", -3.0, 3.0, 0.05),
                 amplitude("cosine", "deg", -3.0, 3.0, 0.05),
-                shape(
-                    "period", "deg", shortest, longest, *(1.0 / np.linspace(1.0 / longest, 1.0 / shortest, _STARTS))
-                ),
+                shape("period", "deg", shortest, longest, *period_starts(shortest, longest, high - low, most=24)),
             ),
             channels=scanned_channels(view),
             drivers=("stage_angle_deg",),

@@ -7,11 +7,17 @@ from collections.abc import Iterable
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
-from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, distances, in_mm, per_table, shape
+from arl_fixtures.reconcile.effects_common import (
+    FloatArray,
+    amplitude,
+    distances,
+    in_mm,
+    per_table,
+    period_starts,
+    shape,
+)
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
-
-_STARTS = 12
 
 
 class TdcNonlinearity(Effect):
@@ -33,10 +39,10 @@ class TdcNonlinearity(Effect):
                 continue
             size = 1e3 if unit_of(distance) == "mm" else 1.0
             longest = min(2.0 * spread, 4.0 * size)
-            shortest = max(spread / 10.0, 0.01 * size)
+            shortest = max(spread / 30.0, 0.01 * size)
             if longest <= 1.05 * shortest:
                 continue
-            starts = 1.0 / np.linspace(1.0 / longest, 1.0 / shortest, _STARTS)
+            starts = period_starts(shortest, longest, spread, most=40)
             yield Variant(
                 effect=self.id,
                 options={"channel": distance},
