@@ -129,8 +129,8 @@ class VirtualNetwork:
 
     def next_look_s(self, deadline_s: float) -> float:
         """When a host that waits until `deadline_s` and found nothing looks at its socket again."""
-        now_s = self._clock.now_s
-        return min(min((d.next_time_s(now_s) for d in self._devices), default=float("inf")) + self._poll_s, deadline_s)
+        next_s = min((device.next_time_s(self._clock.now_s) for device in self._devices), default=float("inf"))
+        return min(next_s + self._poll_s, deadline_s)
 
     def skip(self, port: int, before_s: float) -> int:
         """Forget what was sent to `port` up to now and before `before_s`; returns how many datagrams lay there."""

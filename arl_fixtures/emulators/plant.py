@@ -164,6 +164,11 @@ class Plant:
         """What the chiller drives its bath to now, degrees Celsius."""
         return self._reached_c
 
+    @property
+    def setpoint_c(self) -> float:
+        """The chiller's set-point, whether it is driven to or not, degrees Celsius."""
+        return self._target_c
+
     def drive_coolant(
         self,
         now_s: float,

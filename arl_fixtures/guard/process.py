@@ -137,10 +137,13 @@ class GuardProcess:
         wall_s = time.monotonic()
         if self._sessions.all:
             self._alone_since_s = wall_s
-        if self._core.state not in _SETTLED or self._core.unverified:
+        if self._core.state not in _SETTLED or (self._core.unverified and not self._ending):
             return
+        alone = self._linger_s is not None and not self._sessions.all
+        # stopped and verified: whoever comes to look needs the lines, and the stop is on disk
+        stopped = self._core.state is State.SAFE
         lingered = self._linger_s is not None and wall_s - self._alone_since_s > self._linger_s
-        self._over = self._ending or lingered
+        self._over = self._ending or (alone and (stopped or lingered))
 
     def _wake_s(self) -> float:
         now_s = self._now_s

@@ -17,7 +17,7 @@ from arl_fixtures.guard.process import GuardProcess
 from arl_fixtures.guard.runtime import Lease, Places
 from arl_fixtures.lab.client import LabClient
 
-LINGER_S = 600.0
+LINGER_S = 300.0
 
 
 def run_guard(

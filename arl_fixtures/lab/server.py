@@ -15,82 +15,17 @@ import selectors
 import socket
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, Literal, Protocol, final
+from typing import Any, final
 
-from arl_fixtures.bench.clock import VirtualClock
-from arl_fixtures.bench.links import VirtualDatagramPort, VirtualNetwork, VirtualStreamPort
+from arl_fixtures.bench.links import VirtualStreamPort
 from arl_fixtures.bench.profile import CycleStep
 from arl_fixtures.emulators.faults import parse_fault
-from arl_fixtures.emulators.plant import Plant
 from arl_fixtures.errors import ArlError, DeviceLostError, LocalProtocolError
+from arl_fixtures.lab.clients import NEVER, Client, Waiting, World, role_of
 from arl_fixtures.lab.datagrams import pack_datagrams
 from arl_fixtures.lab.framing import Message, Peer, PeerLostError, listen
 from arl_fixtures.lab.watch import PlantWatch
-
-Role = Literal["driver", "follower", "onlooker"]
-ROLES: Final[tuple[Role, ...]] = ("driver", "follower", "onlooker")
-
-_NEVER: Final = math.inf
-
-
-class World(Protocol):
-    """What the lab serves; `arl_fixtures.bench.build.Emulated` is one."""
-
-    clock: VirtualClock
-    plant: Plant
-    network: VirtualNetwork
-
-    def port(self, kind: Any) -> VirtualStreamPort:  # noqa: ANN401 - a Literal of device roles
-        """A new port to one of the control lines."""
-
-    def enter_step(self, step: CycleStep) -> None:
-        """A temperature step begins: what ages by the cycle count hears of it."""
-
-
-@dataclass(slots=True)
-class _Waiting:
-    """A request that is answered later.
-
-    `finish` answers it if it can be answered at the present bench time and says whether it did.
-    """
-
-    finish: Callable[[], bool]
-    wake_s: float
-
-
-@dataclass(slots=True)
-class _Client:
-    """One connected process."""
-
-    number: int
-    peer: Peer
-    name: str = "?"
-    role: Role = "follower"
-    runs_since_s: float = 0.0
-    asked: Any = None
-    waiting: _Waiting | None = None
-    lent_to: int = 0
-    lines: dict[str, VirtualStreamPort] = field(default_factory=dict)
-    networks: dict[int, VirtualDatagramPort] = field(default_factory=dict)
-
-    @property
-    def runs(self) -> bool:
-        """Whether it computes, and so holds the clock."""
-        return self.waiting is None and not self.lent_to and self.role != "onlooker"
-
-    @property
-    def jumps(self) -> bool:
-        """Whether time may jump for its sake."""
-        return self.role == "driver"
-
-
-def _role(text: str) -> Role:
-    for role in ROLES:
-        if role == text:
-            return role
-    raise LocalProtocolError(f"lab: unknown role '{text}'; known are {', '.join(ROLES)}")
 
 
 @final
@@ -110,7 +45,7 @@ class LabServer:
         self._world, self._clock, self._grace_s, self._wall_s = world, world.clock, grace_s, wall_s
         self._path = path
         self._watch = PlantWatch(world.plant)
-        self._clients: dict[int, _Client] = {}
+        self._clients: dict[int, Client] = {}
         self._next_number = 1
         self._pace: tuple[float, float] | None = None
         self._selector = selectors.DefaultSelector()
@@ -153,18 +88,18 @@ class LabServer:
         for key, _ in heard:
             if key.fileobj is self._listener:
                 self._accept()
-            elif isinstance(key.data, _Client):
+            elif isinstance(key.data, Client):
                 self._hear(key.data)
         self._advance()
 
     def _accept(self) -> None:
         connection, _ = self._listener.accept()
-        client = _Client(self._next_number, Peer(connection), runs_since_s=self._wall_s())
+        client = Client(self._next_number, Peer(connection), runs_since_s=self._wall_s())
         self._next_number += 1
         self._clients[client.number] = client
         self._selector.register(client.peer, selectors.EVENT_READ, client)
 
-    def _hear(self, client: _Client) -> None:
+    def _hear(self, client: Client) -> None:
         client.peer.flush()
         try:
             messages = client.peer.receive()
@@ -176,13 +111,13 @@ class LabServer:
         if client.number in self._clients:
             self._want(client)
 
-    def _want(self, client: _Client) -> None:
+    def _want(self, client: Client) -> None:
         """Ask to be told when the rest of an answer can be sent, while there is a rest."""
         events = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.peer.unsent else 0)
         if self._selector.get_key(client.peer).events != events:
             self._selector.modify(client.peer, events, client)
 
-    def _lose(self, client: _Client) -> None:
+    def _lose(self, client: Client) -> None:
         self._selector.unregister(client.peer)
         client.peer.close()
         del self._clients[client.number]
@@ -203,7 +138,7 @@ class LabServer:
                 return None
             return max(min(client.runs_since_s for client in runners) + self._grace_s - self._wall_s(), 0.0)
         wake_s = self._next_wake_s()
-        if wake_s == _NEVER:
+        if wake_s == NEVER:
             return None if not runners else self._grace_s
         return max(wake_s - self._paced_s(self._pace), 0.0)
 
@@ -225,7 +160,7 @@ class LabServer:
             else:
                 self._pace = self._pace or (self._clock.now_s, self._wall_s())
                 limit_s = min(wake_s, self._paced_s(self._pace))
-            if limit_s == _NEVER or not self._clients:
+            if limit_s == NEVER or not self._clients:
                 return
             finished = self._clock.wait(self._finish_one, limit_s - self._clock.now_s)
             self._watch.look(self._clock.now_s)
@@ -238,7 +173,7 @@ class LabServer:
 
     def _next_wake_s(self) -> float:
         waiting = [client.waiting.wake_s for client in self._clients.values() if client.waiting is not None]
-        return max(min(waiting, default=_NEVER), self._clock.now_s)
+        return max(min(waiting, default=NEVER), self._clock.now_s)
 
     def _finish_one(self) -> bool:
         """Answer the first waiting request that can be answered now; its client runs then."""
@@ -252,7 +187,7 @@ class LabServer:
 
     # -- requests
 
-    def _handle(self, client: _Client, message: Message) -> None:
+    def _handle(self, client: Client, message: Message) -> None:
         header, payload = message
         client.runs_since_s = self._wall_s()
         if client.lent_to:
@@ -271,11 +206,11 @@ class LabServer:
             self._answer(client, error="LocalProtocolError", message=f"lab: bad request {header}: {error}")
         self._watch.look(self._clock.now_s)
 
-    def _request(self, client: _Client, header: dict[str, Any], payload: bytes) -> None:
+    def _request(self, client: Client, header: dict[str, Any], payload: bytes) -> None:
         now_s = self._clock.now_s
         match header["op"]:
             case "hello":
-                client.name, client.role = str(header["name"]), _role(header["role"])
+                client.name, client.role = str(header["name"]), role_of(header["role"])
                 epoch_ns = self._clock.utc_ns() - round(now_s * 1e9)
                 self._answer(client, number=client.number, epoch_ns=epoch_ns)
             case "now":
@@ -304,7 +239,7 @@ class LabServer:
                 until_s = now_s + max(float(header["timeout_s"]), 0.0)
                 self._receive(client, int(header["port"]), until_s)
             case "discard":
-                before_s = _NEVER if header["before_s"] is None else float(header["before_s"])
+                before_s = NEVER if header["before_s"] is None else float(header["before_s"])
                 self._answer(client, count=client.networks[int(header["port"])].discard(before_s))
             case "enter_step":
                 self._enter_step(header)
@@ -321,7 +256,7 @@ class LabServer:
             case unknown:
                 raise LocalProtocolError(f"lab: unknown request '{unknown}'")
 
-    def _answer(self, client: _Client, *, payload: bytes = b"", **header: Any) -> None:  # noqa: ANN401 - JSON
+    def _answer(self, client: Client, *, payload: bytes = b"", **header: Any) -> None:  # noqa: ANN401 - JSON
         client.peer.send({"n": client.asked, "now_s": self._clock.now_s, **header}, payload)
 
     def _enter_step(self, header: dict[str, Any]) -> None:
@@ -330,7 +265,7 @@ class LabServer:
         )
         self._world.enter_step(step)
 
-    def _open(self, client: _Client, line: str) -> None:
+    def _open(self, client: Client, line: str) -> None:
         owner = next((other for other in self._clients.values() if line in other.lines), None)
         if owner is not None:
             whom = "this process" if owner is client else f"'{owner.name}'"
@@ -338,14 +273,14 @@ class LabServer:
         client.lines[line] = self._world.port(line)
         self._answer(client)
 
-    def _line(self, client: _Client, header: dict[str, Any]) -> VirtualStreamPort:
+    def _line(self, client: Client, header: dict[str, Any]) -> VirtualStreamPort:
         line = str(header["line"])
         port = client.lines.get(line)
         if port is None:
             raise DeviceLostError(f"emulated {line}: the line is closed")
         return port
 
-    def _write(self, client: _Client, header: dict[str, Any], payload: bytes) -> VirtualStreamPort:
+    def _write(self, client: Client, header: dict[str, Any], payload: bytes) -> VirtualStreamPort:
         """Forget what lies unread, if asked to, and send what is to be sent."""
         port = self._line(client, header)
         if header.get("drain"):
@@ -354,7 +289,7 @@ class LabServer:
             port.write(payload)
         return port
 
-    def _read(self, client: _Client, port: VirtualStreamPort, *, until_s: float) -> None:
+    def _read(self, client: Client, port: VirtualStreamPort, *, until_s: float) -> None:
         def finish() -> bool:
             try:
                 data = port.read(0.0)
@@ -366,44 +301,45 @@ class LabServer:
             self._answer(client, payload=data)
             return True
 
-        self._park(client, _Waiting(finish, until_s))
+        self._park(client, Waiting(finish, until_s))
 
-    def _sleep(self, client: _Client, until_s: float) -> None:
+    def _sleep(self, client: Client, until_s: float) -> None:
         def finish() -> bool:
             if self._clock.now_s < until_s:
                 return False
             self._answer(client)
             return True
 
-        self._park(client, _Waiting(finish, until_s))
+        self._park(client, Waiting(finish, until_s))
 
-    def _listen(self, client: _Client, port: int) -> None:
+    def _listen(self, client: Client, port: int) -> None:
         owner = next((other for other in self._clients.values() if port in other.networks), None)
         if owner is not None and owner is not client:
             raise DeviceLostError(f"emulated udp port {port}: in use by '{owner.name}'")
         client.networks[port] = self._world.network.listen(port)
         self._answer(client)
 
-    def _receive(self, client: _Client, port: int, until_s: float) -> None:
+    def _receive(self, client: Client, port: int, until_s: float) -> None:
         network = client.networks[port]
 
         def finish() -> bool:
             datagrams = network.receive(0.0)
             if not datagrams and self._clock.now_s < until_s:
                 # a time that does not move would have the lab look for ever
-                waiting.wake_s = max(self._world.network.next_look_s(until_s), math.nextafter(self._clock.now_s, _NEVER))
+                later_s = math.nextafter(self._clock.now_s, NEVER)
+                waiting.wake_s = max(self._world.network.next_look_s(until_s), later_s)
                 return False
             self._answer(client, payload=pack_datagrams(datagrams))
             return True
 
-        waiting = _Waiting(finish, self._clock.now_s)
+        waiting = Waiting(finish, self._clock.now_s)
         self._park(client, waiting)
 
-    def _park(self, client: _Client, waiting: _Waiting) -> None:
+    def _park(self, client: Client, waiting: Waiting) -> None:
         if not waiting.finish():
             client.waiting = waiting
 
-    def _signal(self, client: _Client, header: dict[str, Any]) -> None:
+    def _signal(self, client: Client, header: dict[str, Any]) -> None:
         """What has no answer of its own: a client acts for another, which waits for it outside the lab; is done
         with that; or will not wait any longer for what it asked."""
         if header["op"] == "cancel":
@@ -419,6 +355,6 @@ class LabServer:
         elif header["op"] == "release" and other.lent_to == client.number:
             self._give_back(other)
 
-    def _give_back(self, client: _Client) -> None:
+    def _give_back(self, client: Client) -> None:
         client.lent_to = 0
         client.runs_since_s = self._wall_s()

@@ -12,7 +12,7 @@ _KEPT_EVENTS: Final = 20_000
 
 @final
 class PlantWatch:
-    """Keeps the changes of what a guard is there for: power, lasers, set-point in effect.
+    """Keeps the changes of what a guard is there for: power, lasers, set-point.
 
     Args:
         plant: what is watched.
@@ -61,6 +61,5 @@ class PlantWatch:
         return (
             {f"dut_{dut + 1}": plant.powered(dut) for dut in count}
             | {f"laser_{dut + 1}": plant.laser_on(dut) for dut in count}
-            # to a tenth: with control off it follows the drifting bath, which is no event
-            | {"setpoint_c": round(plant.ramped_setpoint_c, 1)}
+            | {"setpoint_c": plant.setpoint_c}
         )

@@ -13,6 +13,7 @@ import pytest
 
 from arl_fixtures.bench.build import open_bench
 from arl_fixtures.bench.config import BUILT_IN, load_bench
+from arl_fixtures.bench.drivers import find_driver
 from arl_fixtures.errors import InterlockError
 from arl_fixtures.guard.guarding import open_guard
 from arl_fixtures.guard.runtime import Places, lease_holder
@@ -124,6 +125,14 @@ class Stand:
             onlooker.inject(fault)
         onlooker.close()
 
+    def clear_alarm(self):
+        """What an engineer does at the thermostat's panel."""
+        self.clear_faults()
+        client = LabClient.connect(self.lab, "engineer", role="driver")
+        settings = self.config.device_settings("chiller")
+        find_driver("huber_pb", "chiller").make(client.port("chiller"), client.clock, settings).clear_error()
+        client.close()
+
     def clear_faults(self):
         onlooker = LabClient.connect(self.lab, "onlooker", role="onlooker")
         onlooker.clear_faults()
@@ -159,7 +168,11 @@ def assert_safe_within(found, since_s, limit_s=2.0):
 def lab(tmp_path_factory):
     """A lab in a process of its own; gives its socket."""
     path = tmp_path_factory.mktemp("lab") / "s"
-    config = load_bench("emulated")
+    file = path.with_name("bench.yaml")
+    # near the reference, so that homing takes little time
+    near = "emulation: {plant: {stage_start_deg: -70}}"
+    file.write_text(BENCH.format(name="lab", duts=BUILT_IN.parent / "duts", guard=near))
+    config = load_bench(str(file))
     pid = fork(lambda: run_lab(config, path, grace_s=0.4))
     until(path.is_socket, "the lab listens")
     yield path
@@ -167,24 +180,43 @@ def lab(tmp_path_factory):
     assert reap(pid) == 0
 
 
-@pytest.fixture(scope="module")
-def make_stand(lab, tmp_path_factory):
-    """Makes benches, each with guards of its own, on the one lab."""
+@contextlib.contextmanager
+def stands_on(lab, tmp_path_factory):
+    """Makes benches, each with guards of its own, on one lab; ends the guards afterwards."""
     stands = []
 
     def made(guard=""):
         folder = tmp_path_factory.mktemp("b")
-        name = f"bench{len(stands)}"
         file = folder / "bench.yaml"
-        file.write_text(BENCH.format(name=name, duts=BUILT_IN.parent / "duts", guard=guard))
+        file.write_text(BENCH.format(name=f"bench{len(stands)}", duts=BUILT_IN.parent / "duts", guard=guard))
         stands.append(Stand(str(file), lab, folder / "r"))
         return stands[-1]
 
-    yield made
-    for stand in stands:
-        if pid := stand.guard_pid():
-            os.kill(pid, signal.SIGKILL)
-            until(lambda pid=pid: not Path(f"/proc/{pid}").exists() or zombie(pid), "the guard is gone")
+    try:
+        yield made
+    finally:
+        for stand in stands:
+            if pid := stand.guard_pid():
+                os.kill(pid, signal.SIGTERM)
+                until(lambda pid=pid: not Path(f"/proc/{pid}").exists() or zombie(pid), "the guard ends when told to")
+        onlooker = LabClient.connect(lab, "onlooker", role="onlooker")
+        onlooker.clear_faults()
+        until(lambda: onlooker.inspect()["clients"] == ["onlooker"], "all lines are free again")
+        onlooker.close()
+
+
+@pytest.fixture(scope="module")
+def make_module_stand(lab, tmp_path_factory):
+    """Benches for all tests of a module."""
+    with stands_on(lab, tmp_path_factory) as made:
+        yield made
+
+
+@pytest.fixture
+def make_stand(lab, tmp_path_factory):
+    """Benches for one test."""
+    with stands_on(lab, tmp_path_factory) as made:
+        yield made
 
 
 def zombie(pid):
@@ -195,7 +227,7 @@ def zombie(pid):
 
 
 @pytest.fixture
-def run_test(make_stand):
+def run_test():
     """Starts a test process that drives the bench hot with the stage turning, then does `then(guard, bench)`."""
     children = []
 
@@ -209,8 +241,8 @@ def run_test(make_stand):
                 guard.attach(bench)
                 bench.start()
                 bench.set_temperature_c = 60.0
-                bench.soak(6.0)
-                bench.stage.move_to_deg(60.0)
+                bench.soak(1.0)
+                bench.stage.move_to_deg(-30.0)
                 os.write(writer, b"ready\n")
                 os.close(writer)
                 try:
@@ -239,8 +271,8 @@ def run_test(make_stand):
 
 def go_on(guard, bench):
     """Drive the bench for ever, as a cycle does."""
-    to_deg = -60.0
+    to_deg = -65.0
     while True:
         bench.stage.move_to_deg(to_deg)
-        bench.soak(2.0)
-        to_deg = -to_deg
+        bench.soak(1.8)
+        to_deg = -95.0 - to_deg

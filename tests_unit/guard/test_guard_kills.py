@@ -9,8 +9,8 @@ from conftest import assert_safe_within, go_on, is_safe, reap, until
 
 
 @pytest.fixture(scope="module")
-def stand(make_stand):
-    return make_stand()
+def stand(make_module_stand):
+    return make_module_stand("guard: {poll_s: 1.0}")
 
 
 def death_of_test(found):
@@ -69,7 +69,7 @@ def test_ctrl_c_twice(stand, run_test):
     os.kill(pid, signal.SIGINT)
     assert reap(pid) == 70
     # whether the second one hits the good-bye or not: somebody has made it safe
-    until(lambda: not stand.guard_pid() or stand.ask(op="status")["state"] == "idle", "the guard is done")
+    until(lambda: (stand.ask(op="status") or {"state": "idle"})["state"] == "idle", "the guard is done")
     assert is_safe(stand.inspect()["state"])
 
 
@@ -85,8 +85,9 @@ def test_a_test_that_fails_says_good_bye(stand, run_test):
     assert not stand.places.driven.exists()
 
 
-def test_a_main_loop_that_hangs(make_stand, run_test):
-    stand = make_stand("guard: {heartbeat_timeout_s: 1.0}")
+def test_a_main_loop_that_hangs(make_stand, run_test, stand):
+    until(lambda: not stand.guard_pid(), "the guard of the other tests has gone home")
+    stand = make_stand("guard: {heartbeat_timeout_s: 1.0, poll_s: 1.0}")
 
     def hang(guard, bench):
         signal.pause()

@@ -1,0 +1,149 @@
+"""One guard per bench; its own death, hanging and return."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from arl_fixtures.bench.build import open_bench
+from arl_fixtures.errors import DataError, InterlockError, StorageError
+from arl_fixtures.guard.guarding import open_guard
+from arl_fixtures.guard.runtime import Lease, Places, StopReport, read_stop, write_stop
+from conftest import assert_safe_within, go_on, is_safe, reap, until, zombie
+
+
+@pytest.fixture(scope="module")
+def stand(make_module_stand):
+    return make_module_stand("guard: {reply_timeout_s: 1.0, lease_s: 1.1, poll_s: 1.0}")
+
+
+def lost(found, name):
+    return max(time_s for time_s, what, value in found["events"] if what == "client lost" and value == name)
+
+
+def test_a_second_guard_and_a_second_test_are_refused(stand, run_test):
+    pid = run_test(stand, go_on)
+    guard = stand.guard_pid()
+    command = [sys.executable, "-m", "arl_fixtures.guard", "--bench", stand.bench_file, "--lab", str(stand.lab)]
+    command += ["--runtime", str(stand.runtime)]
+    second = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert second.returncode == 2
+    assert second.stderr.count("\n") == 1
+    assert f"another guard (process {guard}) holds this bench" in second.stderr
+    with pytest.raises(InterlockError, match=f"another test \\(process {pid}\\) drives this bench"):
+        stand.open_guard()
+    # neither attempt has disturbed who was there
+    assert stand.ask(op="status")["state"] == "armed"
+    os.kill(pid, signal.SIGKILL)
+    reap(pid)
+    stand.wait_for_state("idle")
+
+
+def test_a_killed_guard_is_noticed_by_the_test_which_makes_safe_itself(stand, run_test):
+    pid = run_test(stand, go_on)
+    os.kill(stand.guard_pid(), signal.SIGKILL)
+    assert reap(pid) == 3
+    assert "is gone" in (stand.runtime / "heard").read_text()
+    found = stand.inspect()
+    assert_safe_within(found, lost(found, "guard"), limit_s=1.0 + 2.0)  # a beat, then the safe state
+
+
+def test_a_guard_that_hangs_is_killed_for_its_lines(stand, run_test):
+    pid = run_test(stand, go_on)
+    guard = stand.guard_pid()
+    os.kill(guard, signal.SIGSTOP)
+    assert reap(pid) == 3
+    assert not Path(f"/proc/{guard}").exists() or zombie(guard)
+    assert is_safe(stand.inspect()["state"])
+
+
+def test_when_both_die_the_next_guard_finds_the_bench_and_makes_it_safe(stand, run_test):
+    pid = run_test(stand, go_on)
+    guard = stand.guard_pid()
+    os.kill(guard, signal.SIGSTOP)  # so that the test's death cannot reach it
+    os.kill(pid, signal.SIGKILL)
+    os.kill(guard, signal.SIGKILL)
+    assert reap(pid) == -signal.SIGKILL
+    assert not is_safe(stand.inspect()["state"])
+    with stand.open_guard() as again:
+        assert "the guard died while a test" in again.last_stop
+        assert is_safe(stand.inspect()["state"])
+        assert again.pid != guard
+        bench = open_bench(stand.config, lines=again.lines)
+        again.attach(bench)
+        bench.relays.set("dut_1", True)
+        assert bench.close() == []
+    assert is_safe(stand.inspect()["state"])
+
+
+def test_another_version_of_the_bench_file_gets_another_guard(stand, run_test):
+    pid = run_test(stand, go_on)
+    os.kill(pid, signal.SIGKILL)
+    reap(pid)
+    stand.wait_for_state("idle")
+    before = stand.guard_pid()
+    Path(stand.bench_file).write_text(Path(stand.bench_file).read_text() + "safe_temperature_c: 22\n")
+    with stand.open_guard() as guard:
+        assert guard.pid != before
+
+
+def test_a_lease_is_renewed_while_it_is_held_and_over_when_its_holder_hangs(tmp_path):
+    path = tmp_path / "lease.json"
+    lease = Lease(path, lease_s=5.0)
+    with pytest.raises(InterlockError, match=f"process {os.getpid()}"):
+        Lease(path, lease_s=5.0)
+    lease.release()
+    holder = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(path)], stdout=subprocess.PIPE, stdin=subprocess.PIPE, text=True
+    )
+    with holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == "held\n"
+        until(lambda: can_take(path), "the lease of a holder that never renews is over")
+        assert holder.wait(timeout=20) == -signal.SIGKILL
+
+
+HOLD = """
+import sys
+from pathlib import Path
+from arl_fixtures.guard.runtime import Lease
+lease = Lease(Path(sys.argv[1]), lease_s=1.1)
+print("held", flush=True)
+sys.stdin.read()
+"""
+
+
+def can_take(path):
+    try:
+        Lease(path, lease_s=1.1).release()
+    except InterlockError:
+        return False
+    return True
+
+
+def test_a_stop_survives_and_a_damaged_one_is_no_permission(tmp_path):
+    places = Places.of("b", tmp_path)
+    assert read_stop(places) is None
+    report = StopReport(bench="b", cause="T2 reads 96.0 °C", utc="2026-01-01T00:00:00Z", bench_time_s=1.5)
+    write_stop(places, report)
+    assert read_stop(places) == report
+    places.stop.write_text(places.stop.read_text()[:-20])
+    with pytest.raises(DataError, match="is damaged"):
+        read_stop(places)
+
+
+def test_a_folder_that_others_could_forge_or_sockets_cannot_use_is_refused(tmp_path):
+    with pytest.raises(StorageError, match="too long for a socket"):
+        Places.of("b" * 120, tmp_path)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StorageError, match="cannot keep"):
+        Places.of("b", tmp_path / "file")
+
+
+def test_a_guard_of_its_own_for_hardware_inside_the_test_makes_no_sense(make_stand):
+    stand = make_stand("guard: {process: true}")
+    with pytest.raises(Exception, match="needs hardware outside the test process"):
+        open_guard(stand.config, bench_file=stand.bench_file)
