@@ -10,7 +10,7 @@ from typing import Any, Final, TypeVar, final
 import numpy as np
 import numpy.typing as npt
 
-from arl_fixtures.metrics.panels import centre_rays, view_panel
+from arl_fixtures.metrics.panels import centre_rays, pixel_extent_rad, view_panel
 from arl_fixtures.twin.frame import Renderer
 from arl_fixtures.twin.scene import WALL, SceneSettings
 from arl_fixtures.twin.settings import DutSettings
@@ -97,8 +97,7 @@ class Geometry:
         seen = {self.scene.wall.name: np.flatnonzero(surface == WALL)}
         size = self.azimuth_deg.size
         rays = centre_rays(self.dut)
-        width_rad = np.abs(np.gradient(np.radians(self.azimuth_deg), axis=1)).ravel()
-        height_rad = np.abs(np.gradient(np.radians(self.elevation_deg), axis=0)).ravel()
+        width_rad, height_rad = pixel_extent_rad(self.dut)
         for number, panel in enumerate(self.scene.panels, start=1):
             index = np.flatnonzero(surface == number)
             angle, pixel = np.divmod(index, size)

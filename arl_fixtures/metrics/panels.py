@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from arl_fixtures.twin.frame import to_stage
-from arl_fixtures.twin.projection import pixel_rays
+from arl_fixtures.twin.projection import azimuth_elevation, pixel_rays
 from arl_fixtures.twin.scene import Panel
 from arl_fixtures.twin.settings import DutSettings
 
@@ -36,6 +36,23 @@ def centre_rays(dut: DutSettings) -> Float64Array:
     v, u = np.meshgrid(np.arange(float(dut.rows)), np.arange(float(dut.columns)), indexing="ij")
     rays: Float64Array = (pixel_rays(dut.intrinsics, u, v) @ to_stage(dut.mount).T).reshape(-1, 3)
     return rays
+
+
+def pixel_extent_rad(dut: DutSettings) -> tuple[Float64Array, Float64Array]:
+    """Width and height of each pixel's field, (H·W,) each, radians: twice the larger half.
+
+    Towards the image corners of a wide lens the outer half of a pixel sees much more than the inner one.
+    """
+    v, u = np.meshgrid(np.arange(float(dut.rows)), np.arange(float(dut.columns)), indexing="ij")
+    middle = azimuth_elevation(pixel_rays(dut.intrinsics, u, v))
+    extents = []
+    for axis, (du, dv) in enumerate(((0.5, 0.0), (0.0, 0.5))):
+        halves = [
+            np.abs(azimuth_elevation(pixel_rays(dut.intrinsics, u + s * du, v + s * dv))[axis] - middle[axis])
+            for s in (-1.0, 1.0)
+        ]
+        extents.append(2.0 * np.maximum(*halves).ravel())
+    return extents[0], extents[1]
 
 
 def view_panel(
