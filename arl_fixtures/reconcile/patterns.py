@@ -12,6 +12,7 @@ from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import Effect, Kind, Parameter, State, Variant
@@ -22,6 +23,8 @@ from arl_fixtures.reconcile.terms import Term, default_values, field_keys, forwa
 PATTERN_GAIN = 12.0
 SPARSE_Z = 6.0
 SCATTER_GAIN = 9.0
+DRIVEN_P = 0.03
+"""Below this probability what steps share follows a recorded condition, and is no mere scatter."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -227,6 +230,8 @@ def _scatter_of(
         frames = np.maximum(problem.view.frames()[data.use], 1.0)
         if size < float(np.median(data.stated * data.spread * np.sqrt(frames))):
             return None
+    if _is_driven(problem, data, group, state):
+        return None
     amplitude = next(p for p in variant.parameters if p.is_amplitude)
     extra = float(np.sqrt(max(tau**2 - level.floor**2, 0.0))) * float(np.median(level.scale))
     term = Term(effect=effect, variant=variant, values={**default_values(variant), amplitude.name: extra})
@@ -234,3 +239,37 @@ def _scatter_of(
         term=term, channel=data.channel.name, level=group, gain=gain, value=extra,
         half_width=1.96 * extra / np.sqrt(2.0 * max(level.count - 1, 1)),
     )  # fmt: skip
+
+
+def _is_driven(problem: Problem, data: ChannelData, group: str, state: State) -> bool:
+    """Whether what groups share follows a recorded condition: temperatures, time, ramp or stage angle, smoothly."""
+    level = next(lv for lv in data.levels if lv.name == group)
+    residual = data.residual(state)
+    weight = data.root_weight**2 * data.scale
+    bottom = np.bincount(level.code, weight * data.scale, minlength=level.count)
+    shared = np.bincount(level.code, weight * residual, minlength=level.count) / np.maximum(bottom, 1e-300)
+    view = problem.view
+    columns: list[FloatArray] = []
+    names = [*view.temperatures()[:2], "time_s", "ramp", "cycle"]
+    names = [*names, "stage_angle_deg"] if group != "step" else names
+    for name in names:
+        if view.varies(name):
+            x = _mean_by(level.code, np.nan_to_num(view.number(name)[data.use]), level.count)
+            if x.std() > 0:
+                x = (x - x.mean()) / x.std()
+                columns += [x, x**2] if len(np.unique(x)) > 3 else [x]
+    unit = np.zeros(level.count, dtype=np.int64)
+    unit[level.code] = data.unit
+    constants = [(unit == k).astype(np.float64) for k in range(data.units)]
+    columns = columns[: max((level.count - data.units) // 3, 1)]
+    root = np.sqrt(np.minimum(bottom, np.median(bottom)))
+    design = np.stack([*constants, *columns], axis=1) * root[:, None]
+    base = np.stack(constants, axis=1) * root[:, None]
+    target = shared * root
+    left = target - design @ np.linalg.lstsq(design, target, rcond=None)[0]
+    whole = target - base @ np.linalg.lstsq(base, target, rcond=None)[0]
+    k, rest = len(columns), level.count - design.shape[1]
+    if rest < 2 or float(left @ left) <= 0.0:
+        return True
+    ratio = (float(whole @ whole) - float(left @ left)) / k / (float(left @ left) / rest)
+    return bool(stats.f.sf(ratio, k, rest) < DRIVEN_P)

@@ -89,7 +89,7 @@ def all_variants(
         try:
             variants = [v for v in effect.variants(problem.view) if names & set(v.channels)]
             variants = [v for v in variants if not any(p.per for p in v.parameters)]
-            for variant in variants[:1]:
+            for variant in variants:
                 term = Term(effect=effect, variant=variant, values=default_values(variant, amplitude=0.1))
                 forward([term], problem.view)
         except Exception as error:

@@ -301,12 +301,12 @@ def shortlist(candidates: Sequence[Candidate], size: int = SHORTLIST, per_effect
 
 
 def robust_gain(problem: Problem, found: Fit, first: int, gain: float) -> float:
-    """A gain of the terms from `first` on, as a test sees it that allows for errors shared by steps, angles or pixels.
+    """A gain of the terms from `first` on, as a test sees it that allows for errors shared by whole groups.
 
-    The fitted change as a whole is one direction. The scores along it, summed over whole groups, scatter more than the
-    model says where rows share errors: that ratio (sandwich over model, blended as if the model's own rested on
-    `PRIOR_GROUPS` groups) divides the gain, and Student's tail for the number of groups replaces the normal one. The
-    least favourable grouping counts.
+    The fitted change as a whole is one direction. The scores along it, summed over steps, angles or pixels, scatter
+    more than the model says where rows share errors: that ratio (sandwich over model, blended as if the model's own
+    rested on `PRIOR_GROUPS` groups) divides the gain, and Student's tail for the number of groups replaces the normal
+    one. The least favourable grouping counts.
     """
     if gain <= 0.0 or len(found.terms) == first:
         return gain
