@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from simulated_sweep import SimulatedBench, value_of
 
+from arl_fixtures.metrics.conditions import Conditions
 from arl_fixtures.metrics.judge import judge, overall
 from arl_fixtures.metrics.limits import check_metrics, load_limits
 from arl_fixtures.metrics.nominal import nominal_reference
 from arl_fixtures.metrics.registry import measure, metric_names, remember
 from arl_fixtures.metrics.verdict import Verdict
+from arl_fixtures.twin.operating import operating_data
 from arl_fixtures.twin.settings import DutSettings
 
 LIMITS = Path(__file__).parents[2] / "limits"
@@ -40,6 +43,21 @@ def test_a_nominal_dut_passes_every_shipped_limit(bench, first_sweep, against):
     assert [(j.measurement.name, j.reason) for j in judgements if j.decides and j.verdict is not Verdict.PASS] == []
     assert overall(judgements)[0] is Verdict.PASS
     assert len([j for j in judgements if j.decides]) >= len(limits.limits)
+
+
+@pytest.mark.parametrize("file", ["default.yaml", "strict.yaml"])
+@pytest.mark.parametrize("temperature_c", [-10.0, 60.0, 85.0])
+def test_operating_data_of_every_temperature_are_within_limits(bench, first_sweep, temperature_c, file):
+    nominal = operating_data(bench.dut.operating, temperature_c)
+    operating = {name: np.full(len(first_sweep.frames), value) for name, value in nominal.items()}
+    conditions = Conditions(set_temperature_c=temperature_c)
+    step = bench.step(
+        sweep=replace(first_sweep, operating=operating),
+        conditions=conditions,
+        reference=remember(bench.step(sweep=first_sweep)),
+    )
+    judgements = judge(measure(step), load_limits(LIMITS / file), conditions)
+    assert {j.verdict for j in judgements if j.decides} == {Verdict.PASS}
 
 
 def test_values_of_a_nominal_dut_are_the_nominal_models(bench, first_sweep):
