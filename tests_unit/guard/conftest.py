@@ -240,8 +240,7 @@ def run_test():
                 bench = open_bench(stand.config, lines=guard.lines)
                 guard.attach(bench)
                 bench.start()
-                bench.set_temperature_c = 60.0
-                bench.soak(1.0)
+                bench.chiller.set_setpoint_c(60.0)
                 bench.stage.move_to_deg(-30.0)
                 os.write(writer, b"ready\n")
                 os.close(writer)

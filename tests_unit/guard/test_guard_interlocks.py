@@ -137,6 +137,6 @@ def test_late_answers_of_one_user_are_never_taken_by_the_other(make_stand, late)
                 seen.append(abs(bench.stage.position_deg() - (5.0 if on else 0.0)) < 0.02)
                 bench.thermometer.read_c()
             bench.clock.sleep(0.2)
-        assert len(seen) >= 4
+        assert len(seen) >= 2
         assert all(seen)
         assert bench.close() == []
