@@ -132,6 +132,8 @@ def _patchy(line: IntArray, bearing: FloatArray, light: FloatArray, bend: FloatA
     There pixels that look the same way do not see the same: a pattern, or another height.
     """
     good = np.flatnonzero(np.isfinite(light) & np.isfinite(bend))
+    if good.size == 0:
+        return np.zeros(light.size, dtype=bool)
     order = good[np.lexsort((bearing[good], line[good]))]
     x, y, code = bearing[order], light[order], line[order]
     first = np.concatenate([[0], np.flatnonzero((np.diff(x) > 1e-6) | (np.diff(code) != 0)) + 1])  # one of each angle
