@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import hashlib
 import sys
-from operator import attrgetter
 from pathlib import Path
 
 import click
@@ -20,26 +19,54 @@ from arl_fixtures.journal.record import read_journal
 from arl_fixtures.journal.rejudge import rejudge
 from arl_fixtures.metrics.limits import check_metrics, load_limits
 from arl_fixtures.metrics.registry import metric_names
+from arl_fixtures.report.allure import write_allure
 from arl_fixtures.report.cycles import load_cycles
 from arl_fixtures.report.document import make_report
+from arl_fixtures.report.junit import junit_xml
+from arl_fixtures.report.lifetime import load_lifetime
 from arl_fixtures.report.text import rounded, shown, with_unit
-from arl_fixtures.report.write import map_maker, report_name, write_report
+from arl_fixtures.report.write import map_maker, report_name, write_report, write_whole
 
 PATH = click.Path(path_type=Path)
+LIFETIME = Path("reports/lifetime.yaml")
 
 
 @click.command()
 @click.argument("cycles", type=PATH, nargs=-1, required=True, metavar="CYCLE…")
 @click.option("--out", type=PATH, metavar="FOLDER", help="where the report goes (default: beside the first journal)")
 @click.option("--bench", metavar="FILE", default="", help="bench file of the session, for the maps")
-def report(cycles: tuple[Path, ...], out: Path | None, bench: str) -> None:
+@click.option(
+    "--lifetime",
+    type=PATH,
+    metavar="FILE",
+    help=f"what cycles are worth in use (default: {LIFETIME}, if it is there)",
+)
+@click.option("--junit", type=PATH, metavar="FILE", help="also rebuild the JUnit results of the journals")
+@click.option("--allure", type=PATH, metavar="FOLDER", help="also rebuild the Allure results of the journals")
+def report(
+    cycles: tuple[Path, ...],
+    out: Path | None,
+    bench: str,
+    lifetime: Path | None,
+    junit: Path | None,
+    allure: Path | None,
+) -> None:
     """Write the sign-off report of output folders or journals, as PDF and as one HTML page."""
     loaded = load_cycles(cycles)
-    newest = loaded[-1].record
+    records = list({cycle.record.path: cycle.record for cycle in loaded}.values())
     folder = out or loaded[0].record.path.parent
-    made = make_report(loaded, map_maker(newest, bench))
+    if lifetime is None and LIFETIME.is_file():
+        lifetime = LIFETIME
+    made = make_report(loaded, map_maker(loaded[-1].record, bench), load_lifetime(lifetime) if lifetime else None)
     for path in write_report(made, folder, report_name(loaded)):
         click.echo(str(path))
+    if junit is not None:
+        write_whole(junit, junit_xml(records))
+        click.echo(str(junit))
+    if allure is not None:
+        for record in records:
+            write_allure(record, allure)
+        click.echo(str(allure))
     click.echo(f"{made.verdict.text}{': ' * bool(made.decided_by)}{made.decided_by}")
 
 
@@ -85,10 +112,10 @@ def history(
         limit=sys.maxsize if as_csv else most + 1,
     )
     if as_csv:
-        writer = csv.writer(click.get_text_stream("stdout"), lineterminator="\n")
+        writer = csv.writer(sys.stdout, lineterminator="\n")
         names = tuple(HistoryRow.__dataclass_fields__)
         writer.writerow(names)
-        writer.writerows([_safe(value) for value in attrgetter(*names)(row)] for row in rows)
+        writer.writerows([_safe(getattr(row, name)) for name in names] for row in rows)
         return
     table = Table(box=None, header_style="bold")
     for title in ("step", "try", "DUT", "metric", "value", "verdict", "reason"):

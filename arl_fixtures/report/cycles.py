@@ -116,7 +116,7 @@ def load_cycles(paths: Sequence[Path]) -> list[Cycle]:
         if serials[0] != serials[1]:
             of = [", ".join(shown(serial) for serial in each) for each in serials]
             raise DataError(f"{record.path}: is of DUTs {of[1]}, {first.path} of {of[0]}; report them one by one")
-    cycles = [cycle for record in records for cycle in _cycles_of(record)]
+    cycles = [cycle for record in records for cycle in cycles_of(record)]
     return sorted(cycles, key=lambda cycle: (cycle.number, cycle.record.lines[0].utc_ns, cycle.record.path.name))
 
 
@@ -129,7 +129,8 @@ def _journals(given: Path) -> list[Path]:
     return sessions
 
 
-def _cycles_of(record: SessionRecord) -> Iterator[Cycle]:
+def cycles_of(record: SessionRecord) -> Iterator[Cycle]:
+    """The cycles of one session, in order of their count."""
     numbers = {step_id: step.begin.cycle for step_id, step in record.steps.items()}
     for step_id in record.begin.plan:
         said = _CYCLE_OF.match(step_id)

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from typing import Final
 
 from arl_fixtures.metrics.verdict import worst
-from arl_fixtures.report import figures, sections
+from arl_fixtures.report import figures, over_cycles, sections
 from arl_fixtures.report.blocks import Block, Cell, Picture, Report, Section, Signatures, Table, Text, verdict_cell
 from arl_fixtures.report.cycles import Cycle
 from arl_fixtures.report.events import events
+from arl_fixtures.report.lifetime import LifetimeModel
 from arl_fixtures.report.maps import MapMaker
 from arl_fixtures.report.results import result_rows
 from arl_fixtures.report.text import shown, utc_text
@@ -25,12 +26,13 @@ TITLE: Final = "Qualification report"
 ROLES: Final = ("Tested by", "Reviewed by", "Released by")
 
 
-def make_report(cycles: Sequence[Cycle], maps: MapMaker) -> Report:
+def make_report(cycles: Sequence[Cycle], maps: MapMaker, lifetime: LifetimeModel | None = None) -> Report:
     """The report of some cycles; details are those of the newest.
 
     Args:
         cycles: at least one, in order.
         maps: where maps come from.
+        lifetime: what cycles are worth in use; None where that is not wanted.
     """
     newest = cycles[-1]
     pictures: dict[str, bytes] = {}
@@ -43,6 +45,9 @@ def make_report(cycles: Sequence[Cycle], maps: MapMaker) -> Report:
         _temperatures(newest, pictures),
         _maps(newest, maps, pictures),
         _over_temperature(newest, pictures),
+        *([over_cycles.trends(cycles, pictures)] if len(cycles) > 1 else []),
+        over_cycles.lifetime(cycles, lifetime),
+        over_cycles.foretelling(cycles),
         *(events(record) for record in {cycle.record.path: cycle.record for cycle in cycles}.values()),
         Section(title="Signatures", blocks=(Signatures(roles=ROLES),)),
     ]

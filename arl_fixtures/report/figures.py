@@ -129,7 +129,7 @@ def over_temperature(
             for number, serial in enumerate(serials):
                 own = [(degrees, ramp, each) for degrees, ramp, each in found if each.dut == serial]
                 _panel(axes, own, unit, number)
-            _limit_lines(axes, limit)
+            limit_lines(axes, limit)
             name = f"{metric}[{scope}]" if scope else metric
             axes.set_title(f"{label(name)} / {unit_text(unit) or '1'}", loc="left")
         panels[-1].set_xlabel("set temperature / °C   (filled: heating, open: cooling)")
@@ -173,7 +173,7 @@ def half_width(measurement: Measurement, unit: str) -> float:
     return abs(convert(expanded(measurement), measurement.unit, unit) - zero)
 
 
-def _limit_lines(axes: Axes, limit: AppliedLimit | None) -> None:
+def limit_lines(axes: Axes, limit: AppliedLimit | None) -> None:
     """Limits that lie near the values are drawn; far ones would press the values flat."""
     if limit is None:
         return

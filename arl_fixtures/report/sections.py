@@ -125,7 +125,8 @@ def decision(cycle: Cycle) -> Section:
             text="A step's verdict is the worst of its values that have a limit, a cycle's the worst of its steps, "
             "in the order PASS, CONDITIONAL, NOT RUN, INVALID, FAIL. INVALID was measured and cannot be trusted; NOT "
             "RUN was never measured; neither is said of the device. A step that failed stays FAIL though a later "
-            "attempt passed. Intervals are ± U with 95 % coverage, from Student's t with the effective degrees of freedom."
+            "attempt passed. Intervals are ± U with 95 % coverage, from Student's t with the effective degrees of "
+            "freedom."
         )
     )
     return Section(title="Decision rule", blocks=tuple(blocks))
@@ -204,9 +205,14 @@ def _row(row: ResultRow) -> tuple[Cell, ...]:
         Cell(limit_text(row.limit) + (" (minor)" if row.limit.severity == "minor" else "")),
         Cell(value_text(measured, row.limit.unit) if has_value else shown(telling.reason) or NOTHING),
         Cell(place),
-        Cell(f"{span[0]:.4g} … {span[1]:.4g} {unit_text(row.limit.unit)}".rstrip() if span else NOTHING),
+        Cell(_span_text(span, unit_text(row.limit.unit)) if span else NOTHING),
         Cell(verdict_cell(row.verdict.value).text if len(counts) == 1 else several, verdict_cell(row.verdict).tone),
     )
+
+
+def _span_text(span: tuple[float, float], unit: str) -> str:
+    low, high = (f"{value:.3g}" for value in span)
+    return (low if low == high else f"{low} … {high}") + (f" {unit}" if unit else "")
 
 
 def shortfalls(cycle: Cycle) -> Section:

@@ -45,7 +45,8 @@ def rounded(value: float, half_width: float) -> str:
     if digits > 9 or digits < -4:
         return f"{value:.6g} ± {half_width:.2g}"
     digits = max(digits, 0)
-    return f"{value:.{digits}f} ± {half_width:.{digits}f}"
+    # a value that rounds to nothing has no sign
+    return f"{round(value, digits) + 0.0:.{digits}f} ± {half_width:.{digits}f}"
 
 
 def expanded(measurement: Measurement) -> float:

@@ -1,0 +1,267 @@
+"""The sections about many cycles: trends, cycles to the limit, what the cycles are worth in use, correlations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from arl_fixtures.report.blocks import Block, Cell, Picture, Section, Table, Text
+from arl_fixtures.report.cycles import Cycle
+from arl_fixtures.report.drawing import MARKERS, SHADES, drawn, label
+from arl_fixtures.report.figures import half_width, limit_lines
+from arl_fixtures.report.lifetime import Equivalent, LifetimeModel, Stress, fatigue, rate
+from arl_fixtures.report.series import FALSE_DISCOVERIES, Series, correlations, series_over
+from arl_fixtures.report.text import limit_text, metric_text, shown, unit_text
+from arl_fixtures.report.trend import FEWEST_CYCLES, HORIZON, Law
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+PANELS: Final = 6
+MOST_PAIRS: Final = 15
+
+
+def trends(cycles: Sequence[Cycle], pictures: dict[str, bytes]) -> Section:
+    """Each value over cycles with its interval, limit, trend, and the cycle at which it will stand at its limit."""
+    temperature_c = cycles[-1].reference_c
+    found = series_over(cycles, temperature_c)
+    if not found:
+        return Section(title="Trends over cycles", blocks=(Text(text="No value with a limit was measured."),))
+    found.sort(key=lambda each: (each.trend is None, each.crossing.expected if each.crossing else math.inf))
+    moving = [each for each in found if each.trend is not None]
+    blocks: list[Block] = [Text(text=_method(temperature_c, len(found)))]
+    blocks.append(_table(moving) if moving else Text(text=f"No trend in any of {len(found)} values."))
+    if moving and len(moving) < len(found):
+        still = dict.fromkeys(metric_text(each.metric, each.scope) for each in found if each.trend is None)
+        blocks.append(Text(text=f"No trend in {len(found) - len(moving)} values, of {', '.join(still)}."))
+    blocks += _pictures(found, [dut.serial for dut in cycles[-1].record.identity.duts], pictures)
+    return Section(title="Trends over cycles", blocks=tuple(blocks))
+
+
+def _method(temperature_c: float, count: int) -> str:
+    return (
+        f"Each of {count} values is followed over the cycles at its last step at {temperature_c:g} °C. There is a "
+        "trend where the slope of a straight line differs from zero (Student's t) with at most "
+        f"{100 * FALSE_DISCOVERIES:g} % false discoveries among all trends reported (Benjamini-Hochberg); at least "
+        f"{FEWEST_CYCLES} cycles are needed. The law is a straight line, or a power law where its AICc is lower by "
+        "2. The interval of the cycle at the limit holds with 95 % the cycle at which a measured value stands at the "
+        "limit, if the law goes on as it did."
+    )
+
+
+def _table(moving: Sequence[Series]) -> Table:
+    return Table(
+        header=("DUT", "Metric", "Law", "Per cycle now", "Limit", "Cycle at the limit (95 %)", "q"),
+        rows=tuple(_trend_row(each) for each in moving),
+        weights=(1.6, 2.4, 1.6, 1.6, 1.5, 2.2, 0.9),
+        note="q: false discovery rate at which the trend is just reported. Cycles are counted from cycle 0.",
+    )
+
+
+def _trend_row(each: Series) -> tuple[Cell, ...]:
+    fit, unit = each.trend, unit_text(each.limit.unit)
+    assert fit is not None
+    newest = float(max(each.points))
+    law = "straight line" if fit.law is Law.LINEAR else f"power law, exponent {fit.exponent:.2f}"
+    per_cycle = fit.value(newest + 1.0) - fit.value(newest)
+    return (
+        Cell(shown(each.dut)),
+        Cell(metric_text(each.metric, each.scope)),
+        Cell(law),
+        Cell(f"{per_cycle:+.3g} {unit}".rstrip()),
+        Cell(limit_text(each.limit)),
+        crossing_cell(each),
+        Cell(f"{each.q:.1g}"),
+    )
+
+
+def crossing_cell(each: Series) -> Cell:
+    """When a value will stand at its limit, in words."""
+    found = each.crossing
+    if found is None:
+        return Cell("moves away from its limit")
+    newest = float(max(each.points))
+    if found.expected <= newest:
+        return Cell("at its limit now", "fail")
+    if math.isinf(found.earliest):
+        return Cell(f"not within {HORIZON:g} cycles", "pass")
+    latest = "never excluded" if math.isinf(found.latest) else f"{found.latest:.0f}"
+    expected = "" if math.isinf(found.expected) else f"{found.expected:.0f} "
+    return Cell(f"{expected}({found.earliest:.0f} … {latest})", "conditional")
+
+
+def _pictures(found: Sequence[Series], serials: Sequence[str], pictures: dict[str, bytes]) -> list[Block]:
+    panels: dict[tuple[str, str], list[Series]] = {}
+    for each in found:
+        panels.setdefault((each.metric, each.scope), []).append(each)
+    keys, blocks = list(panels), list[Block]()
+    for start in range(0, len(keys), PANELS):
+        shown_keys = keys[start : start + PANELS]
+        name = f"trends-{start // PANELS + 1}.svg"
+        pictures[name] = _draw_trends([panels[key] for key in shown_keys], serials)
+        titles = ", ".join(metric_text(*key) for key in shown_keys)
+        blocks.append(
+            Picture(
+                name=name,
+                caption="Values over cycles with 95 % intervals; lines: trends; dashed: limits near enough.",
+                alt=f"Trends of {titles}",
+                share=0.49,
+            )
+        )
+    return blocks
+
+
+def _draw_trends(panels: Sequence[Sequence[Series]], serials: Sequence[str]) -> bytes:
+    def draw(figure: Figure) -> None:
+        rows = figure.subplots(len(panels), 1, squeeze=False, sharex=True)[:, 0]
+        for axes, together in zip(rows, panels, strict=True):
+            for each in together:
+                _draw_series(axes, each, serials.index(each.dut) if each.dut in serials else 0)
+            first = together[0]
+            limit_lines(axes, first.limit)
+            axes.set_title(
+                f"{label(metric_text(first.metric, first.scope))} / {unit_text(first.limit.unit) or '1'}", loc="left"
+            )
+        rows[-1].set_xlabel("cycle")
+        rows[-1].xaxis.get_major_locator().set_params(integer=True)
+        for number, serial in enumerate(serials):
+            rows[0].plot([], [], color=SHADES[number % 8], marker=MARKERS[number % 8], label=label(serial))
+        figure.legend(loc="outside lower center", ncols=3)
+
+    return drawn(draw, 1.3 * len(panels) + 0.6)
+
+
+def _draw_series(axes: Axes, each: Series, number: int) -> None:
+    shade, marker = SHADES[number % len(SHADES)], MARKERS[number % len(MARKERS)]
+    axes.errorbar(
+        list(each.points),
+        each.values,
+        yerr=[half_width(point, each.limit.unit) for point in each.points.values()],
+        color=shade,
+        marker=marker,
+        markersize=3,
+        linestyle="none",
+        elinewidth=0.8,
+    )
+    if each.trend is not None:
+        n = np.linspace(min(each.points), max(each.points), 60)
+        axes.plot(n, [each.trend.value(float(at)) for at in n], color=shade, linewidth=1.0)
+
+
+def stress_of(cycles: Sequence[Cycle], dut: int) -> Stress:
+    """What a DUT went through, from its housing's own sensor, or from the set temperatures where it told nothing.
+
+    Args:
+        cycles: all that count.
+        dut: position of the DUT, from 0; its housing's sensor is T2 for the first.
+    """
+    swings: list[float] = []
+    dwell: list[tuple[float, float]] = []
+    for cycle in cycles:
+        own = []
+        for attempt in cycle.attempts:
+            if attempt.end is None or not attempt.finished:
+                continue
+            temperature = attempt.end.temperatures_c.get(f"T{dut + 2}", math.nan)
+            own.append(temperature if math.isfinite(temperature) else attempt.begin.set_temperature_c)
+            dwell.append(((attempt.end_utc_ns - attempt.begin_utc_ns) / 3.6e12, own[-1]))
+        if own:
+            swings.append(max(own) - min(own))
+    return Stress(swings_k=tuple(swings), dwell=tuple(dwell))
+
+
+def lifetime(cycles: Sequence[Cycle], model: LifetimeModel | None) -> Section:
+    """What the cycles of this report are worth in use, as ranges."""
+    title = "Lifetime equivalence"
+    if model is None:
+        return Section(title=title, blocks=(Text(text="No lifetime file was given (--lifetime FILE)."),))
+    stress = stress_of(cycles, 0)
+    use = model.use
+    hours = sum(hours for hours, _ in stress.dwell)
+    swings = f"{min(stress.swings_k):.0f} to {max(stress.swings_k):.0f} K" if stress.swings_k else "no swing"
+    intro = (
+        f"{len(stress.swings_k)} cycles with swings of {swings} and {hours:.1f} h at temperature (housing of the "
+        f"first DUT), against use '{shown(model.name)}' version {model.version}: swings of {_range(use.swing_k)} K, "
+        f"{_range(use.swings_per_year)} a year, {_range(use.temperature_c)} °C for {_range(use.hours_per_year)} h a "
+        f"year ({shown(use.source)}). Ranges follow from the ranges of the parameters; they are no confidence "
+        "intervals, and they hold only for a mechanism that the model describes."
+    )
+    rows = [
+        (
+            Cell(f"Coffin-Manson, q = {_range(each.exponent)}"),
+            Cell(shown(each.name)),
+            *_worth(fatigue(stress, each, use), "swings"),
+            Cell(shown(each.source)),
+        )
+        for each in model.coffin_manson
+    ]
+    rows += [
+        (
+            Cell(f"Arrhenius, Ea = {_range(each.activation_energy_ev)} eV"),
+            Cell(shown(each.name)),
+            *_worth(rate(stress, each, use), "h"),
+            Cell(shown(each.source)),
+        )
+        for each in model.arrhenius
+    ]
+    table = Table(
+        header=("Model", "Mechanism", "Worth in use", "Years of use", "Source"),
+        rows=tuple(rows),
+        weights=(2.0, 2.0, 1.8, 1.5, 3.2),
+    )
+    return Section(title=title, blocks=(Text(text=intro), table))
+
+
+def _range(ends: tuple[float, float]) -> str:
+    return f"{ends[0]:g}" if ends[0] == ends[1] else f"{ends[0]:g} … {ends[1]:g}"
+
+
+def _worth(found: Equivalent, what: str) -> tuple[Cell, Cell]:
+    low, high = found.amount
+    return (
+        Cell(f"{low:.3g} … {high:.3g} {what}"),
+        Cell(f"{found.years[0]:.2g} … {found.years[1]:.2g}"),
+    )
+
+
+def foretelling(cycles: Sequence[Cycle]) -> Section:
+    """Do cheap operating signals foretell the performance? The strongest correlations of each DUT."""
+    rows: list[tuple[Cell, ...]] = []
+    tried, reasons = 0, dict[str, None]()
+    for dut in cycles[-1].record.identity.duts:
+        pairs = correlations(cycles, dut.serial)
+        known = [pair for pair in pairs if not math.isnan(pair.p)]
+        tried += len(known)
+        reasons |= dict.fromkeys(pair.reason for pair in pairs if pair.reason)
+        for pair in [each for each in known if each.q <= FALSE_DISCOVERIES][:MOST_PAIRS]:
+            rows.append(
+                (
+                    Cell(shown(dut.serial)),
+                    Cell(shown(pair.signal)),
+                    Cell(shown(pair.metric)),
+                    Cell(f"{pair.rho:+.2f} ({pair.low:+.2f} … {pair.high:+.2f})"),
+                    Cell(f"{pair.effective_steps:.0f} of {pair.steps}"),
+                    Cell(f"{pair.q:.1g}"),
+                )
+            )
+    intro = (
+        "Spearman's rank correlation of every operating signal with every metric that has a limit, over all finished "
+        f"steps, given set temperature and ramp; {tried} pairs. Reported at a false discovery rate of "
+        f"{100 * FALSE_DISCOVERIES:g} % (Benjamini-Yekutieli) for each DUT."
+    )
+    if not tried:
+        why = f": {next(iter(reasons))}" if reasons else ""
+        return Section(
+            title="Operating signals and performance", blocks=(Text(text=f"Nothing to correlate{shown(why)}."),)
+        )
+    table = Table(
+        header=("DUT", "Operating signal", "Metric", "ρ (95 %)", "Independent steps", "q"),
+        rows=tuple(rows),
+        weights=(1.6, 2.0, 2.6, 2.2, 1.5, 0.8),
+        note=f"At most {MOST_PAIRS} for each DUT, the strongest evidence first." if rows else "None was found.",
+    )
+    return Section(title="Operating signals and performance", blocks=(Text(text=intro), table))
