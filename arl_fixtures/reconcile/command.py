@@ -18,6 +18,7 @@ from arl_fixtures.reconcile.columns import Columns, FloatArray
 from arl_fixtures.reconcile.diagnosis import Diagnosis
 from arl_fixtures.reconcile.localise import write_localisation
 from arl_fixtures.reconcile.model_file import corrected_state, read_model, terms_of, write_model
+from arl_fixtures.reconcile.page import write_page
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.report_json import write_json
 from arl_fixtures.reconcile.roles import Role
@@ -41,7 +42,7 @@ def reconcile(table_path: Path, out_dir: Path, progress: ProgressCall | None = N
         raise DataError(f"{out_dir}: is a file; expected a folder to write into")
     columns = load_table(table_path)
     rows = open_table(table_path).metadata.num_rows
-    diagnosis, model, _ = diagnose(columns, sha256=sha256_of(table_path), rows=rows, progress=progress)
+    diagnosis, model, decision = diagnose(columns, sha256=sha256_of(table_path), rows=rows, progress=progress)
     if progress is not None:
         progress("writing", 0.92)
     try:
@@ -52,6 +53,7 @@ def reconcile(table_path: Path, out_dir: Path, progress: ProgressCall | None = N
     try:
         write_json(work / "diagnosis.json", diagnosis)
         write_model(work / "model.yaml", model)
+        write_page(work / "diagnosis.html", diagnosis, decision)
         if rows != columns.n:
             columns = load_table(table_path, limit=rows)
         write_localisation(work / "localisation.parquet", columns, model, diagnosis.findings)

@@ -1,0 +1,270 @@
+"""`diagnosis.html`: the diagnosis for a person, in one file that needs nothing else.
+
+Whatever comes from the table (column names, serial numbers, categories) is text from outside: the template escapes
+all of it, and the pictures are made of escaped text only. Pictures show the rows that the search looked at, "after"
+with parameters that were fitted on the other blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from arl_fixtures.reconcile import page_words as words
+from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray
+from arl_fixtures.reconcile.decide import Decision
+from arl_fixtures.reconcile.diagnosis import Diagnosis, Finding
+from arl_fixtures.reconcile.effect import Kind, State
+from arl_fixtures.reconcile.grouping import Groups
+from arl_fixtures.reconcile.page_data import Mismatch
+from arl_fixtures.reconcile.page_figures import bars
+from arl_fixtures.reconcile.page_pictures import Gallery
+from arl_fixtures.reconcile.problem import FOLDS, ChannelData
+from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.terms import forward
+from arl_fixtures.reconcile.view import View
+
+NAMED_BLOCKS = 4
+"""Blocks of a fold that are named."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldOutPart:
+    """One fold: which blocks were held out, and the mean square mismatch there."""
+
+    blocks: str
+    before: str
+    after: str
+
+
+def write_page(path: Path, diagnosis: Diagnosis, decision: Decision) -> None:
+    """Write `diagnosis.html`.
+
+    Args:
+        path: file to write.
+        diagnosis: what is said.
+        decision: of the search that made it, with the rows and simulated values that the pictures show.
+    """
+    path.write_text(page_of(diagnosis, decision), encoding="utf-8")
+
+
+def page_of(diagnosis: Diagnosis, decision: Decision) -> str:
+    """The page's HTML; the same diagnosis gives the same text."""
+    environment = Environment(
+        loader=PackageLoader("arl_fixtures.reconcile", "templates"), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    maker = _Maker(diagnosis, decision)
+    gallery = Gallery(diagnosis.findings, decision.found)
+    return environment.get_template("diagnosis.html.j2").render(
+        d=diagnosis, words=words, headline=words.headline(diagnosis), chance=words.chance(diagnosis),
+        matters=maker.matters(), constants=maker.constants(), facts=maker.facts(),
+        findings=[maker.finding(f) for f in diagnosis.findings],
+        places=[gallery.place(m) for m in maker.mismatches], unseen=maker.unseen(),
+    )  # fmt: skip
+
+
+class _Maker:
+    """Sections of one page."""
+
+    def __init__(self, diagnosis: Diagnosis, decision: Decision) -> None:
+        self.diagnosis, self.decision = diagnosis, decision
+        self.view: View = decision.problem.view
+        self.before: State = self.view.fresh_state()
+        self.after: State = decision.cross_fitted()
+        self.mismatches = [
+            Mismatch(d, self.before, self.after, keep_constant=self._is_off(d)) for d in decision.problem.data
+        ]  # fmt: skip
+
+    def _is_off(self, d: ChannelData) -> bool:
+        """Whether a constant is the finding on a channel."""
+        return any(f.term is None and f.law is None and d.channel.name in f.channels for f in self.diagnosis.findings)
+
+    # ---- sentences and tables --------------------------------------------------------------------------------
+
+    def matters(self) -> list[tuple[str, str]]:
+        """How much it matters, channel by channel."""
+        touched = {c for f in self.diagnosis.findings for c in f.channels}
+        made = []
+        for d in self.decision.problem.data:
+            fit = self.diagnosis.fit.get(d.channel.name)
+            if fit is not None and d.channel.name in touched:
+                m = next(m for m in self.mismatches if m.data is d)
+                size = _size_text(d, m.change(self.before, self.after)).replace(
+                    "it touches", "that the findings touch"
+                )
+                text = words.matters(fit, min(d.spread**2, fit.after))
+                made.append((d.channel.name, f"{size[:1].upper()}{size[1:]} {text}".strip()))
+        return made
+
+    def constants(self) -> list[tuple[str, str, str]]:
+        """Channel, unit and calibration constant."""
+        return [
+            (d.channel.name, unit or "all rows", words.constant(value, d.channel))
+            for d in self.decision.problem.data
+            for unit, value in sorted(self.diagnosis.constants.get(d.channel.name, {}).items())
+        ]
+
+    def facts(self) -> list[tuple[str, str]]:
+        """What the table holds."""
+        columns, problem = self.decision.problem.columns, self.decision.problem
+        rows = f"{self.diagnosis.rows}"
+        if self.view.n < self.diagnosis.rows:
+            rows += f" ({self.view.n} of them were searched and are shown, evenly drawn)"
+        made = [("Rows", rows)]
+        for d in problem.data:
+            noise = "" if d.stated_known else "; the simulation states no noise, it was estimated"
+            wider = f"; rows scatter {d.spread:.2g} times as much as stated" if d.spread > 1.15 else ""
+            unit = words.unit_text(d.channel.unit)
+            made.append(
+                (f"Channel {d.channel.name}", f"{unit or 'no unit'}, {len(d.use)} rows compared{noise}{wider}")
+            )
+        for label, names in (
+            ("DUTs", ("dut",)), ("Cycles", ("cycle",)), ("Steps", ("dut", "cycle", "step")),
+            ("Stage angles", ("stage_angle_deg",)), ("Pixels", ("pixel_u", "pixel_v")),
+        ):  # fmt: skip
+            if names[-1] in columns.numbers or names[-1] in columns.categories:
+                made.append((label, _level_text(columns, label, names)))
+        made.append(("Blocks held out in turn", problem.groups.block_name))
+        if problem.groups.unit_columns:
+            made.append(("Calibrated as one unit", "each " + words.joined(problem.groups.unit_columns)))
+        made.append(("SHA-256 of the table", self.diagnosis.sha256 or "not known"))
+        return made
+
+    def finding(self, f: Finding) -> dict[str, object]:
+        """What the template shows of a finding."""
+        held = f.held_out
+        floor = held.after
+        if held.explained > 1e-3 and held.before > held.after:
+            floor = held.before - (held.before - held.after) / held.explained
+        moves = abs(held.before - held.after) > 1e-9 * max(held.before, 1.0)
+        return {
+            "f": f, "title": words.title_of(f.effect), "floor": floor, "moves": moves,
+            "bars": bars(held.before, held.after, floor) if moves else Markup(""), "parts": self._parts(f),
+            "size": self._size(f), "parameters": [(p, *words.with_interval(p)) for p in f.parameters],
+        }  # fmt: skip
+
+    def _without(self, f: Finding) -> State:
+        return forward([t for t in self.decision.terms if t is not f.term], self.view)
+
+    def _data(self, name: str) -> ChannelData | None:
+        return next((d for d in self.decision.problem.data if d.channel.name == name), None)
+
+    def _parts(self, f: Finding) -> list[HeldOutPart]:
+        """Before and after of each fold, for effects of the library that move a mean."""
+        data = [d for name in f.channels if (d := self._data(name)) is not None]
+        if f.term is None or f.term.effect.kind is not Kind.MEAN or not data:
+            return []
+        before = self._without(f)
+        made = []
+        for fold in range(FOLDS):
+            blocks = self._blocks(fold)
+            pairs = [(_part(d, before, fold), _part(d, self.after, fold, centred=True)) for d in data]
+            counts = [int(np.sum(d.fold == fold)) for d in data]
+            if blocks and sum(counts):
+                first, last = (float(np.average([p[k] for p in pairs], weights=counts)) for k in (0, 1))
+                made.append(HeldOutPart(blocks=blocks, before=words.plain(first), after=words.plain(last)))
+        return made
+
+    def _blocks(self, fold: int) -> str:
+        """Names of the blocks of a fold."""
+        problem = self.decision.problem
+        rows = self.view.rows[problem.fold == fold]
+        names = list(dict.fromkeys(_block_names(problem.columns, problem.groups, rows)))
+        return ", ".join(names[:NAMED_BLOCKS]) + (
+            f" and {len(names) - NAMED_BLOCKS} more" if len(names) > NAMED_BLOCKS else ""
+        )
+
+    def _size(self, f: Finding) -> list[tuple[str, str]]:
+        """How far a finding moves each of its channels, beyond a constant."""
+        made = []
+        for m in self.mismatches:
+            name = m.data.channel.name
+            if name not in f.channels:
+                continue
+            if f.law is not None and f.law.channel == name:
+                base = forward(self.decision.terms, self.view)
+                full = {**base, name: base[name] + f.law.correction(self.decision.found.looker.features, base[name])}
+                moved = m.change(base, full)
+            elif f.term is not None and f.term.effect.kind is Kind.MEAN:
+                moved = m.change(self._without(f), forward(self.decision.terms, self.view))
+            else:
+                continue
+            text = _size_text(m.data, moved)
+            if text:
+                made.append((name, text))
+        return made
+
+    def unseen(self) -> list[tuple[str, str]]:
+        """Effects that this table could not have shown, with the reason."""
+        made = dict(self.diagnosis.invisible)
+        tried = {effect.id for effect, _ in self.decision.search.variants}
+        for effect in self.decision.effects:
+            if effect.id not in tried and effect.id not in made and not any(True for _ in effect.variants(self.view)):
+                made[effect.id] = "the table lacks the columns it needs, or they do not vary"
+        return sorted(made.items())
+
+
+def _part(d: ChannelData, state: State, fold: int, *, centred: bool = False) -> float:
+    residual = d.residual(state)
+    if centred and d.calibrated:
+        residual = residual - d.scale * d.constants_of(d.whitener(residual))[d.unit]
+    here = d.fold == fold
+    return float(np.sum((d.trust * (residual / d.stated) ** 2)[here]) / max(float(np.sum(d.trust[here])), 1e-12))
+
+
+def _size_text(d: ChannelData, moved: FloatArray) -> str:
+    size = np.abs(moved)
+    good = np.isfinite(size) & (size > 0.02 * float(np.nanmax(size, initial=0.0)))
+    if not good.any():
+        return ""
+    factor, unit = (1000.0, "mm") if d.channel.unit == "m" else (1.0, words.unit_text(d.channel.unit))
+    relative = None
+    if d.channel.role in {Role.INTENSITY, Role.SCATTER}:
+        relative = float(np.median(size[good] / d.scale[good]))
+    typical, most = (float(np.quantile(size[good], q)) * factor for q in (0.5, 0.95))
+    return words.size_sentence(typical, most, float(np.median(d.stated * d.spread)) * factor, unit, relative)
+
+
+def _level_text(columns: Columns, label: str, names: Sequence[str]) -> str:
+    if label == "DUTs":
+        labels = columns.categories["dut"][1] if "dut" in columns.categories else ()
+        shown = ", ".join(labels[:8]) + (f" and {len(labels) - 8} more" if len(labels) > 8 else "")
+        return f"{len(labels)}: {shown}"
+    return str(int(columns.group(*names).max()) + 1)
+
+
+def _block_names(columns: Columns, groups: Groups, rows: IntArray) -> list[str]:
+    """Names of the blocks that some rows belong to, from the columns that make a block."""
+    code, first = np.unique(groups.block[rows], return_index=True)
+    if groups.block_name == "temperature steps":
+        return [_step_name(columns, int(rows[k])) or f"block {c + 1}" for c, k in zip(code, first, strict=True)]
+    column = "stage_angle_deg" if groups.block_name == "stage angles" else groups.block_name.rsplit(" ", 1)[-1]
+    if column not in columns.numbers:
+        return [f"block {c + 1}" for c in code]
+    values = columns.numbers[column]
+    unit = words.unit_text(words.column_unit(column))
+    names = []
+    for c in code:
+        here = values[rows[groups.block[rows] == c]]
+        low, high = float(np.nanmin(here)), float(np.nanmax(here))
+        names.append(f"{words.plain(low)}{f' to {words.plain(high)}' if high > low else ''} {unit}".rstrip())
+    return names
+
+
+def _step_name(columns: Columns, row: int) -> str:
+    text = []
+    for name, word in (("dut", ""), ("cycle", "cycle "), ("step", "step ")):
+        if name in columns.categories:
+            code, labels = columns.categories[name]
+            text.append(labels[code[row]] if len(labels) > 1 and code[row] >= 0 else "")
+        elif name in columns.numbers and (name != "cycle" or columns.group("cycle").max() > 0):
+            text.append(f"{word}{columns.numbers[name][row]:g}")
+    if "step" not in columns.numbers and "set_temperature_c" in columns.numbers:
+        text.append(f"{columns.numbers['set_temperature_c'][row]:g} °C")
+    return " ".join(t for t in text if t)
