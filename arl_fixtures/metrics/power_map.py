@@ -5,6 +5,9 @@ P = Σ (I − I_off) / (G Σ ρ cos θ (R₀/R)²) over the angles at which the 
 levels are compared over the pixels that saw all of them; the map is their mean in shape, so that a wrong reflectance
 certificate makes no steps in it.
 
+A gain that all pixels of a frame share (pulse energy jitter) is no pixel noise: it moves every pixel that saw a
+target at that angle alike. Its share in any result is found from the sightings themselves (`Sharing`).
+
 The paper neglects the growth of the ray's range (and incidence) with elevation; `Correction.PAPER` keeps that way.
 """
 
@@ -24,6 +27,7 @@ from arl_fixtures.metrics.step import StepData
 from arl_fixtures.metrics.targets import sightings_of
 
 Float64Array = npt.NDArray[np.float64]
+Int64Array = npt.NDArray[np.int64]
 
 HALVES: Final = 2
 
@@ -44,17 +48,62 @@ class TargetMap:
         power: sum of intensities over sum of weights, relative to full scale.
         weight: sum of weights.
         variance: variance of `power` from repeatability.
+        pixel: (m,) flat pixel of each sighting.
+        angle: (m,) index of the stage angle of each sighting.
+        counts: (m,) intensity of each sighting.
     """
 
     target: str
     power: Float64Array
     weight: Float64Array
     variance: Float64Array
+    pixel: Int64Array
+    angle: Int64Array
+    counts: Float64Array
 
     @property
     def whole(self) -> tuple[Float64Array, Float64Array]:
         """Power and its variance from all angles, (H, W)."""
         return _merged(self.power, self.variance, self.weight)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sharing:
+    """Which pixels share the frames of which stage angle, m sightings.
+
+    Attributes:
+        pixel: (m,) flat pixel.
+        angle: (m,) index of the stage angle.
+        counts: (m,) intensity, the sighting's share in its pixel's power.
+        size: pixels of the image.
+        gain_variance: variance of the relative gain that all pixels share at one angle, mean of its frames.
+    """
+
+    pixel: Int64Array
+    angle: Int64Array
+    counts: Float64Array
+    size: int
+    gain_variance: float
+
+    def covariance(self, sensitivities: Float64Array, half: int | None = None) -> Float64Array:
+        """Covariance of results that the angles' gains cause, for a gain variance of 1.
+
+        Args:
+            sensitivities: (r, H·W) of each result to the relative error of each pixel's power.
+            half: only angles of even (0) or odd (1) number, as in `PowerMap.halves`.
+
+        Returns:
+            (r, r).
+        """
+        kept = slice(None) if half is None else np.flatnonzero(self.angle % HALVES == half)
+        pixel, angle, counts = self.pixel[kept], self.angle[kept], self.counts[kept]
+        total = np.bincount(pixel, weights=counts, minlength=self.size)
+        share = counts / total[pixel]
+        by_angle = np.stack([np.bincount(angle, weights=row[pixel] * share) for row in sensitivities]).astype(
+            np.float64
+        )
+        covariance: Float64Array = by_angle @ by_angle.T
+        return covariance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +117,7 @@ class PowerMap:
         halves_variance: (2, H, W).
         level: target name to relative deviation of its level from the mean of the targets.
         level_u: target name to the repeatability of that.
-        gain_variance: variance of the whole map's level from the frames' common gain.
+        sharing: what the frames' common gain does to the map.
     """
 
     power: Float64Array
@@ -77,7 +126,7 @@ class PowerMap:
     halves_variance: Float64Array
     level: dict[str, float]
     level_u: dict[str, float]
-    gain_variance: float
+    sharing: Sharing
 
     @property
     def relative(self) -> Float64Array:
@@ -131,7 +180,13 @@ def combined_map(step: StepData, correction: Correction) -> PowerMap:
         halves_variance=np.stack([half[1] for half in halves]),
         level={single.target: float(scale - 1.0) for single, scale in zip(maps, shape, strict=True)},
         level_u={single.target: float(u) for single, u in zip(maps, level_u, strict=True)},
-        gain_variance=_gain_variance(step),
+        sharing=Sharing(
+            pixel=np.concatenate([single.pixel for single in maps]),
+            angle=np.concatenate([single.angle for single in maps]),
+            counts=np.concatenate([single.counts for single in maps]),
+            size=power.size,
+            gain_variance=_gain_variance(step),
+        ),
     )
 
 
@@ -167,7 +222,13 @@ def target_map(step: StepData, target: str, correction: Correction = Correction.
     with np.errstate(invalid="ignore", divide="ignore"):
         scale = np.where(weights > 0.0, dut.full_scale_counts * weights, np.nan)
         return TargetMap(
-            target=target, power=total(counts) / scale, weight=weights, variance=total(variance) / scale**2
+            target=target,
+            power=total(counts) / scale,
+            weight=weights,
+            variance=total(variance) / scale**2,
+            pixel=pixel,
+            angle=index // size,
+            counts=counts,
         )
 
 
@@ -183,12 +244,11 @@ def _merged(power: Float64Array, variance: Float64Array, weight: Float64Array) -
 
 
 def _gain_variance(step: StepData) -> float:
-    """Variance that the frames' common gain adds to a mean over all angles that saw a target."""
+    """Variance of the common relative gain of one angle's mean, over the angles at which a target was seen."""
     sweep, geometry = step.sweep, step.geometry
     size = sweep.shape[0] * sweep.shape[1]
     angles = np.flatnonzero(
         sum(np.bincount(geometry.seen(target) // size, minlength=len(sweep.frames)) for target in geometry.stripes)
     )
     excess = sweep.intensity_common_variance[angles] - sweep.intensity_common_floor[angles]
-    # every pixel meets a target at some angles only, but the whole map's level averages over all of them
-    return max(float(np.mean(excess)), 0.0) / float(sweep.frames[angles].sum())
+    return max(float(np.mean(excess)), 0.0) / float(sweep.frames[angles].mean())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,7 @@ class SimulatedBench:
     actual_scene: SceneSettings | None = None
     angles_deg: Sequence[float] = FULL_SWEEP_DEG
     frames: int = 10
+    frame_gain_std: float = 0.0
 
     def __post_init__(self) -> None:
         self.geometry = GeometryCache(self.dut, self.scene)
@@ -43,6 +44,7 @@ class SimulatedBench:
         for k, angle_deg in enumerate(self.angles_deg):
             numbers = range(k * self.frames, (k + 1) * self.frames)
             spread = scatter(self.renderer.expected(angle_deg), dut.noise)
+            spread = replace(spread, frame_gain_std=self.frame_gain_std)
             counts, codes = code_frames(spread, dut.noise, seed=seed, frame_numbers=numbers)
             intensity = np.zeros((self.frames, 2, dut.rows, dut.columns), np.uint16)
             distance_m = np.full(intensity.shape, np.nan, np.float32)

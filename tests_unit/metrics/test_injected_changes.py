@@ -75,6 +75,30 @@ def test_focal_length_and_principal_point():
     assert_recovers(value_of(measured, "principal_point_change", "cy"), 0.0, 0.03)
 
 
+def test_pulse_energy_jitter_is_measured_and_doubted_where_it_matters():
+    # every frame's gain scatters by 2 %: a change of the beam's place must not be made of it
+    jittery = SimulatedBench(DUT, frame_gain_std=0.02)
+    then = remember(jittery.step(seed=300))
+    measured = measure(jittery.step(seed=400, reference=then))
+    common = value_of(measured, "intensity_common_scatter").quantity
+    assert abs(common.value - 0.02) < SIGMAS * common.u
+    for name, scope in (
+        ("power_change", ""),
+        ("power_worst_3x3", ""),
+        ("power_centroid_shift", "azimuth"),
+        ("power_centroid_shift", "elevation"),
+        ("power_width_change", "azimuth"),
+        ("power_width_change", "elevation"),
+        ("intensity_scatter_change", "stripe_80"),
+    ):
+        found = value_of(measured, name, scope).quantity
+        assert abs(found.value) < SIGMAS * found.u
+    # ten frames at each of the 134 angles, twice, not all weighing the same
+    assert 0.019 * (2 / 1340) ** 0.5 < value_of(measured, "power_change").quantity.u / 100 < 0.02 * (4 / 1340) ** 0.5
+    steady = value_of(changed(), "power_centroid_shift", "azimuth").quantity
+    assert value_of(measured, "power_centroid_shift", "azimuth").quantity.u > 10 * steady.u
+
+
 def test_new_dead_pixels_are_counted_and_named():
     measured = changed(dead_pixels=(*DUT.dead_pixels, (0, 0), (64, 16), (127, 31)))
     assert value_of(measured, "dead_pixels").quantity.value == 5

@@ -15,7 +15,7 @@ target positions act on both maps alike and cancel.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -120,7 +120,12 @@ def register(step: StepData) -> Registration:
     change = np.log(now.power[both]) - np.log(then[both])
     variance = now.variance[both] / now.power[both] ** 2 + then_variance[both] / then[both] ** 2
     surface = SmoothSurface.through(alpha, beta, np.log(then[both]), 1.0 / variance)
-    return _fit(surface, alpha, beta, change, 1.0 / variance)
+    fit, gain_matrix = _fit(surface, alpha, beta, change, 1.0 / variance)
+    sensitivities = np.zeros((PARAMETERS, both.size))
+    sensitivities[:, both.ravel()] = gain_matrix
+    gains = now.sharing.gain_variance + float(reference.array("power.gain_variance"))
+    shared = gains * now.sharing.covariance(sensitivities)
+    return replace(fit, covariance=fit.covariance + shared)
 
 
 def _directions(step: StepData, reference: Reference) -> tuple[Float64Array, Float64Array]:
@@ -137,10 +142,12 @@ def _directions(step: StepData, reference: Reference) -> tuple[Float64Array, Flo
 
 def _fit(
     surface: SmoothSurface, alpha: Float64Array, beta: Float64Array, change: Float64Array, weight: Float64Array
-) -> Registration:
+) -> tuple[Registration, Float64Array]:
+    """The registration from pixel noise alone, and what each pixel's relative error does to it, (parameters, m)."""
     values = np.zeros(PARAMETERS)
     rest, *_ = surface.with_slopes(alpha, beta)
     trust = np.ones_like(change)
+    jacobian = np.empty((len(change), PARAMETERS))
     covariance = np.zeros((PARAMETERS, PARAMETERS))
     chi2 = 1.0
     for _ in range(ITERATIONS):
@@ -175,7 +182,8 @@ def _fit(
         raise NotMeasurableError("the change of the power map is nothing like a shift, a width or a level")
     # the weights' own loss of information: E[w]²/E[w²] of the bisquare is 0.95 at normal residuals
     inflation = max(chi2, 1.0) * float((trust**2).mean() / trust.mean())
-    return Registration(values=values, covariance=covariance * inflation, dof=float(len(change) - PARAMETERS))
+    found = Registration(values=values, covariance=covariance * inflation, dof=float(len(change) - PARAMETERS))
+    return found, covariance @ (jacobian * (weight * trust)[:, None]).T
 
 
 SCOPES: Final = ("azimuth", "elevation")

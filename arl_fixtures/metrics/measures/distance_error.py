@@ -42,6 +42,7 @@ class ErrorMap:
         range_m: mean true range.
         stage_sensitivity_m_per_rad: root mean square of dR/dφ over the pixels.
         angles: number of stage angles involved.
+        offset_u_m: standard uncertainty of the mean error from the offset that all pixels of a frame share.
     """
 
     relative: Float64Array
@@ -52,6 +53,7 @@ class ErrorMap:
     range_m: float
     stage_sensitivity_m_per_rad: float
     angles: int
+    offset_u_m: float
 
 
 def error_map(step: StepData, target: str) -> ErrorMap:
@@ -87,6 +89,8 @@ def error_map(step: StepData, target: str) -> ErrorMap:
     # |dR/dφ| of a plane seen under θ is at most R tan θ
     cosine = geometry.cos_incidence.ravel()[index].astype(np.float64)
     slope_m = true_m * np.sqrt(np.maximum(1.0 / cosine**2 - 1.0, 0.0))
+    by_angle = np.bincount(index // size, minlength=len(sweep.frames)) / index.size
+    wobble_m2 = float((by_angle * (sweep.distance_common_variance - sweep.distance_common_floor)).sum())
     return ErrorMap(
         relative=mean_of(error_m / true_m).reshape(sweep.shape),
         u=(np.sqrt(pixel_variance) / mean_of(true_m)).reshape(sweep.shape),
@@ -95,7 +99,8 @@ def error_map(step: StepData, target: str) -> ErrorMap:
         log_intensity=float(np.log10(intensity[known]).mean()) if known.any() else math.nan,
         range_m=float(true_m.mean()),
         stage_sensitivity_m_per_rad=float(np.sqrt((slope_m**2).mean())),
-        angles=int(np.count_nonzero(np.bincount(index // size))),
+        angles=int(np.count_nonzero(by_angle)),
+        offset_u_m=math.sqrt(max(wobble_m2, 0.0) * float((by_angle**2 / sweep.frames).sum())),
     )
 
 
@@ -122,13 +127,14 @@ def evaluate(step: StepData) -> list[Measurement]:
 
 
 def _bench_contributions(step: StepData, errors: ErrorMap) -> tuple[Contribution, ...]:
-    """Type B contributions to the mean error, metres."""
+    """Contributions to the mean error besides the pixels' repeatability, metres."""
     u_angle_rad = math.radians(step.uncertainty.stage_angle_deg)
     u_turn_m = errors.stage_sensitivity_m_per_rad * u_angle_rad / math.sqrt(errors.angles)
     return (
         Contribution("target position", step.uncertainty.target_position_m, Kind.B),
         Contribution("stage angle", u_turn_m, Kind.B),
         Contribution("mount position", step.uncertainty.mount_position_m, Kind.B),
+        Contribution("frame offset", errors.offset_u_m),
     )
 
 
@@ -159,7 +165,9 @@ def _per_decade(step: StepData, maps: list[ErrorMap]) -> Quantity:
     x = np.array([errors.log_intensity for errors in usable])
     y_m = np.array([errors.mean_m for errors in usable])
     noise = np.array([errors.mean_u_m for errors in usable])
-    bench = np.array([[part.u for part in _bench_contributions(step, errors)[:2]] for errors in usable])
+    bench = np.array([[part.u for part in _bench_contributions(step, errors)] for errors in usable])
+    # where the DUT stands is the same for all targets
+    noise, bench = np.hypot(noise, bench[:, 3]), bench[:, :2]
     weight = 1.0 / (noise**2 + (bench**2).sum(axis=1) + 1e-12)
     lever = weight * (x - np.average(x, weights=weight))
     strength = float(lever @ x)

@@ -62,7 +62,7 @@ def remember(step: StepData) -> Mapping[str, npt.NDArray[Any]]:
         "power.variance": power.variance,
         "power.halves": power.halves,
         "power.halves_variance": power.halves_variance,
-        "power.gain_variance": np.array(power.gain_variance),
+        "power.gain_variance": np.array(power.sharing.gain_variance),
     }
     for target in power.level:
         kept[f"power.{target}"], kept[f"power.{target}.variance"] = target_map(step, target).whole
@@ -104,9 +104,15 @@ def worst_neighbourhood(power: PowerMap, reference: Reference) -> tuple[Quantity
         places.append(int(certain.argmax()))
     read = [changes[1 - half].flat[places[half]] for half in range(HALVES)]
     spread = [variances[1 - half].flat[places[half]] for half in range(HALVES)]
+    gain = [
+        float(power.sharing.covariance(_box_at(places[half], power.power), 1 - half)[0, 0]) for half in range(HALVES)
+    ]
     v, u = divmod(places[0], power.power.shape[1])
     quantity = Quantity.of(
-        100.0 * float(np.mean(read)), "%", Contribution("repeatability", 50.0 * math.sqrt(float(sum(spread))))
+        100.0 * float(np.mean(read)),
+        "%",
+        Contribution("repeatability", 50.0 * math.sqrt(float(sum(spread)))),
+        Contribution("frame gain", 50.0 * math.sqrt(sum(gain) * _both_gains(power, reference))),
     )
     return quantity, f"around pixel ({u}, {v})"
 
@@ -122,7 +128,7 @@ def _level(step: StepData, power: PowerMap) -> Quantity:
         100.0 * (ratio - 1.0),
         "%",
         Contribution("repeatability", 100.0 * repeat),
-        Contribution("frame gain", 100.0 * math.sqrt(power.gain_variance)),
+        Contribution("frame gain", 100.0 * math.sqrt(_shared_level(power) * power.sharing.gain_variance)),
         Contribution(
             "reflectance certificate", 100.0 * step.uncertainty.reflectance_relative / math.sqrt(targets), Kind.B
         ),
@@ -131,6 +137,26 @@ def _level(step: StepData, power: PowerMap) -> Quantity:
             "mount position", 200.0 * step.uncertainty.mount_position_m / step.dut.reference_range_m, Kind.B
         ),
     )
+
+
+def _both_gains(power: PowerMap, reference: Reference) -> float:
+    """Variance of one angle's common gain, now plus then."""
+    return power.sharing.gain_variance + float(reference.array("power.gain_variance"))
+
+
+def _shared_level(power: PowerMap) -> float:
+    """Variance of the map's level for a variance of 1 of each angle's common gain."""
+    share = np.nan_to_num(power.power.ravel() / np.nansum(power.power))
+    return float(power.sharing.covariance(share[None, :])[0, 0])
+
+
+def _box_at(place: int, power: Float64Array) -> Float64Array:
+    """Sensitivity of the mean over the 3 × 3 neighbourhood of a flat pixel index to each pixel, (1, H·W)."""
+    v, u = divmod(place, power.shape[1])
+    box = np.zeros(power.shape)
+    box[max(v - 1, 0) : v + 2, max(u - 1, 0) : u + 2] = 1.0
+    box[~np.isfinite(power)] = 0.0
+    return (box / max(float(box.sum()), 1.0)).reshape(1, -1)
 
 
 def _inverse_square(step: StepData) -> float:
@@ -184,7 +210,7 @@ def _change(step: StepData, power: PowerMap, reference: Reference) -> Quantity:
             )
     if not ratios:
         raise NotMeasurableError("no reflectance target was seen now and in the reference")
-    gain = math.hypot(math.sqrt(power.gain_variance), math.sqrt(float(reference.array("power.gain_variance"))))
+    gain = math.sqrt(_shared_level(power) * _both_gains(power, reference))
     return Quantity.of(
         100.0 * (float(np.mean(ratios)) - 1.0),
         "%",
