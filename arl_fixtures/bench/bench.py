@@ -18,6 +18,9 @@ from arl_fixtures.errors import DeviceError, InterlockError
 from arl_fixtures.metrics.block import AngleBlock
 
 SAFE_ATTEMPTS: Final = 3
+CONTROL_CHECK_S: Final = 30.0
+"""How often the chiller is asked, while the housings settle, whether it still controls."""
+SILENCE_CHECK_S: Final = 0.3
 
 
 class Duts(Protocol):
@@ -164,9 +167,13 @@ class Bench:
         Args:
             set_temperature_c: where they shall be.
             progress: called with each reading and the seconds since the start.
+
+        Raises:
+            DeviceError: a device does not answer, or the chiller no longer controls.
         """
         self.set_temperature_c = set_temperature_c
         start_s = self.clock.now_s
+        next_check_s = start_s + CONTROL_CHECK_S
         first = self.read()
         known = [value for value in first.housings_c.values() if value is not None]
         mean_c = sum(known) / len(known) if known else set_temperature_c
@@ -174,12 +181,28 @@ class Bench:
         while True:
             reading = self.turn()
             if reading is not None:
+                if reading.time_s >= next_check_s:
+                    self.require_control()
+                    next_check_s = reading.time_s + CONTROL_CHECK_S
                 if progress is not None:
                     progress(reading, reading.time_s - start_s)
                 report = watch.see(reading.time_s, reading.housings_c)
                 if report is not None:
                     return report
             self.wait_for_turn()
+
+    def require_control(self) -> None:
+        """Make sure that the chiller still controls: one that restarted stands still and says nothing of it.
+
+        Raises:
+            DeviceError: it does not.
+        """
+        status = self.chiller.status()
+        if status.controlling and status.pumping:
+            return
+        what = "temperature control" if not status.controlling else "the pump"
+        code = f", error {status.error_code}" if status.error_code else ""
+        raise DeviceError(f"chiller: {what} is off though it was started{code}")
 
     def wait_for_turn(self) -> None:
         """Let time pass until the control loop is due."""

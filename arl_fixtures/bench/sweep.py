@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from arl_fixtures.bench.bench import Bench
+from arl_fixtures.devices.dut_status import DutError
 from arl_fixtures.metrics.block import AngleBlock
 
 
@@ -24,29 +25,39 @@ def sweep(
     *,
     frames: int,
     between: Callable[[], None] = lambda: None,
+    lose: Callable[[DutError], None] | None = None,
 ) -> Iterator[AngleRecord]:
     """Drive through `angles_deg`, yield what was recorded at each, and return to the first angle.
 
     Frames count only if their exposure began after the stage reported that it stands. The temperature control
-    goes on; `between` runs once per angle (interlock, progress).
+    goes on; `between` runs once per angle (interlock, progress). `lose` is told of DUTs that stopped delivering: it
+    raises, or the sweep goes on without them as long as there are others.
 
     Raises:
         DeviceError: the stage does not arrive, or a DUT is silent; the message names it.
     """
     settings, clock, stage = bench.config.sweep, bench.clock, bench.stage
+    serials = bench.serials
     for index, angle_deg in enumerate(angles_deg):
         stage.move_to_deg(angle_deg)
         stage.wait_until_reached(settings.move_timeout_s)
         not_before_s = clock.now_s + settings.rest_s
         actual_deg = stage.position_deg()
-        blocks = bench.duts.collect(
-            bench.serials,
-            frames,
-            not_before_s=not_before_s,
-            timeout_s=settings.rest_s + frames * settings.frame_period_s + settings.frames_timeout_s,
-            angle_index=index,
-            stage_angle_deg=actual_deg,
-        )
+        try:
+            blocks = bench.duts.collect(
+                serials,
+                frames,
+                not_before_s=not_before_s,
+                timeout_s=settings.rest_s + frames * settings.frame_period_s + settings.frames_timeout_s,
+                angle_index=index,
+                stage_angle_deg=actual_deg,
+            )
+        except DutError as error:
+            serials = tuple(serial for serial in serials if serial not in error.serials)
+            if lose is None or not serials:
+                raise
+            lose(error)
+            blocks = dict(error.blocks)
         yield AngleRecord(index, actual_deg, clock.utc_ns(), blocks)
         between()
         bench.turn()

@@ -27,6 +27,8 @@ PIXELS: Final = slice(92, 1116)
 """Bytes of a packet that hold ranges and intensities."""
 LONGEST_BACKLOG_S: Final = 1.0
 """Frames that lie unread longer than this are not worth reading: newer ones come at once."""
+LONGEST_ROW_S: Final = FRAME_PERIOD_S / ROWS
+"""Rows of a frame follow each other no slower than this."""
 SHOWN_STRANGERS: Final = 3
 NANOSECONDS: Final = 1e9
 
@@ -53,7 +55,7 @@ class HflSettings(Hfl110Wire):
         default=1.0, gt=0, description="operating data older than this are not recorded with a frame set"
     )
     refuse_frozen: bool = Field(
-        default=True, description="whether pixels that are the same in all frames of a set are an error"
+        default=True, description="whether a frame with the very pixels of the one before it is an error"
     )
 
 
@@ -72,6 +74,7 @@ class _Sensor:
     address: str
     assembler: FrameAssembler
     frames: list[AssembledFrame] = field(default_factory=list)
+    previous: AssembledFrame | None = None
     last_packet_s: float = float("-inf")
     last_length: int = 0
     dropped_frames: int = 0
@@ -254,7 +257,8 @@ class HflReceiver:
                 sensor.last_length = len(mine[-1][0])
             finished += sensor.assembler.expire(now_s)
             for frame in finished:
-                if frame.cut or frame.first_s < from_s:
+                # rows that are missing may have been its first
+                if frame.cut or frame.first_s - (ROWS - frame.arrived) * LONGEST_ROW_S < from_s:
                     continue
                 if frame.arrived < self._settings.fewest_rows:
                     sensor.dropped_frames += 1
@@ -318,16 +322,16 @@ class HflReceiver:
         sensor.operating_s = datagram.time_s
 
     def _refuse_frozen(self, wanted: Iterable[_Sensor], n_frames: int, blocks: Mapping[str, AngleBlock]) -> None:
-        if not self._settings.refuse_frozen or n_frames < 2:
+        if not self._settings.refuse_frozen:
             return
-        frozen = [
-            sensor
-            for sensor in wanted
-            if _same_pixels(sensor.frames[:n_frames]) and blocks[sensor.serial].intensity_counts.any()
-        ]
+        # a dark sensor is not frozen
+        lit = [sensor for sensor in wanted if blocks[sensor.serial].intensity_counts.any()]
+        frozen = [sensor for sensor in lit if _repeats(sensor.previous, sensor.frames[:n_frames])]
+        for sensor in lit:
+            sensor.previous = sensor.frames[n_frames - 1]
         if frozen:
             said = "; ".join(
-                f"DUT {sensor.serial} at {sensor.address}: frozen, {n_frames} frames with the same pixels"
+                f"DUT {sensor.serial} at {sensor.address}: frozen, frames that follow each other have the same pixels"
                 for sensor in frozen
             )
             serials = tuple(sensor.serial for sensor in frozen)
@@ -360,15 +364,22 @@ class HflReceiver:
         return ""
 
 
-def _same_pixels(frames: Sequence[AssembledFrame]) -> bool:
-    """Whether all frames carry the same pixels, in the rows that they all have."""
+def _repeats(previous: AssembledFrame | None, frames: Sequence[AssembledFrame]) -> bool:
+    """Whether any frame carries the pixels of the one before it; `previous` was the last of the set before."""
+    before = [previous, *frames[:-1]]
+    return any(
+        first is not None and _same_pixels(first, second) for first, second in zip(before, frames, strict=True)
+    )
+
+
+def _same_pixels(first: AssembledFrame, second: AssembledFrame) -> bool:
+    """Whether two frames carry the same pixels, in the rows that both have."""
     compared = False
-    for row in zip(*(frame.rows for frame in frames), strict=True):
-        present = [payload[PIXELS] for payload in row if payload is not None]
-        if len(present) < len(frames):
+    for one, other in zip(first.rows, second.rows, strict=True):
+        if one is None or other is None:
             continue
         # noise makes the very first row differ in a sensor that is alive, so this ends there
-        if any(pixels != present[0] for pixels in present):
+        if one[PIXELS] != other[PIXELS]:
             return False
         compared = True
     return compared

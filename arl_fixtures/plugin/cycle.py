@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, final
+from typing import final
 
 import pytest
 
 from arl_fixtures.bench.bench import Bench
 from arl_fixtures.bench.profile import CycleStep
-from arl_fixtures.errors import ArlError, DataError, DeviceError, StorageError
+from arl_fixtures.errors import DataError
+from arl_fixtures.guard.guarding import Guard
 from arl_fixtures.journal.journal import Journal
 from arl_fixtures.journal.record import AttemptRecord
-from arl_fixtures.metrics.reference import NotMeasurableError, Reference
-from arl_fixtures.metrics.registry import remember
 from arl_fixtures.metrics.verdict import Verdict, worst
 from arl_fixtures.plugin import allure_output, journaling
+from arl_fixtures.plugin.attempts import Attempts, SessionOverError
 from arl_fixtures.plugin.outcome import Row, StepInvalidError, rows_of, rows_of_record
 from arl_fixtures.plugin.progress import Progress, Screen
+from arl_fixtures.plugin.references import References, from_bag, reference_step
 from arl_fixtures.plugin.resume import Past
 from arl_fixtures.plugin.setup import SessionFiles
-from arl_fixtures.plugin.step_runner import REFERENCE_INDEX, StepResult, StepRunner
-
-ATTEMPTS: Final = 3
-"""A step that fails to finish this often is INVALID and the cycle goes on."""
+from arl_fixtures.plugin.step_runner import StepResult, StepRunner
 
 
 @final
@@ -44,6 +42,7 @@ class CycleSession:
         plan: steps of the session in order.
         past: what an interrupted session left; empty for a new one.
         screen: where progress is shown.
+        guard: whose pauses and stops the session heeds; attached to the bench.
     """
 
     def __init__(
@@ -54,17 +53,25 @@ class CycleSession:
         past: Past,
         *,
         screen: Screen,
+        guard: Guard | None = None,
     ) -> None:
         self.bench, self.files, self.past = bench, files, past
         self._plan = tuple(plan)
         out = files.options.out
-        self._references = out / "references"
+        self._guard = guard
+        self._references = References(out / "references", bench.serials)
         self.progress = Progress(screen, steps_total=len(plan))
         self.runner = StepRunner(
-            bench, files.profile, files.limits, hashes=files.hashes, bags=out / "bags", references={}
+            bench,
+            files.profile,
+            files.limits,
+            hashes=files.hashes,
+            bags=out / "bags",
+            references=self._references.known,
         )
         self.verdicts: dict[str, Verdict] = {}
         self.journal: Journal | None = None
+        self._attempts: Attempts | None = None
 
     def start(self) -> None:
         """Open the journal, start the bench, and record the reference of each DUT that has none.
@@ -73,13 +80,15 @@ class CycleSession:
             DeviceError: a device does not do its part.
             DataError: the output folder cannot be used, or the journal is another bench's.
         """
-        self.journal = self.past.open(self.files, self._plan, self.bench.clock)
+        journal = self.journal = self.past.open(self.files, self._plan, self.bench.clock)
+        if self._guard is not None and self._guard.last_stop:
+            journal.append(journaling.note(f"before this session: {self._guard.last_stop}"))
+        self._attempts = Attempts(
+            self.runner, self.files, self.past, journal=journal, progress=self.progress, guard=self._guard
+        )
         self.bench.start()
-        for serial in self.bench.serials:
-            path = self._references / f"{serial}.npz"
-            if path.is_file():
-                self.runner.references[serial] = Reference.load(path)
-        if len(self.runner.references) < len(self.bench.serials):
+        self._references.load()
+        if self._references.missing:
             self._record_references()
 
     def measure(self, step: CycleStep, item: pytest.Item) -> StepOutcome:
@@ -94,23 +103,16 @@ class CycleSession:
         if finished is not None:
             return self._told(step, finished)
         self.progress.begin(step)
-        failures = self.past.failures(step.id)
-        while len(failures) < ATTEMPTS:
-            attempt = len(failures) + 1
-            try:
-                result = self._attempt(step, attempt)
-            except DeviceError as error:
-                failures.append(f"attempt {attempt}: {error}")
-                self._recover(item, error)
-            except StorageError as error:
-                # what cannot be written would be lost at the next step too
-                item.session.shouldstop = f"nothing can be recorded, further steps are NOT RUN: {error}"
-                raise StepInvalidError(f"INVALID: {error}") from None
-            else:
-                return self._done(result, item)
-        self.verdicts[step.id] = Verdict.INVALID
-        self.progress.end(Verdict.INVALID.value)
-        raise StepInvalidError("INVALID: " + "; ".join(failures))
+        try:
+            result = self._open().run(step)
+        except SessionOverError as over:
+            item.session.shouldstop = str(over)
+            self._invalid(step)
+            raise StepInvalidError(f"INVALID: {over}") from None
+        except StepInvalidError:
+            self._invalid(step)
+            raise
+        return self._done(result, item)
 
     def close(self, reason: str) -> None:
         """End the journal; the bench itself is closed by its own fixture."""
@@ -121,18 +123,9 @@ class CycleSession:
             self.journal.close()
             self.journal = None
 
-    def _attempt(self, step: CycleStep, attempt: int) -> StepResult:
-        journal = self._open_journal()
-        journal.append(journaling.step_begin(step, attempt))
-        self.bench.enter_step(step)
-        try:
-            result = self.runner.run(step, attempt, self.progress)
-        except (ArlError, KeyboardInterrupt) as error:
-            reason = str(error) or type(error).__name__
-            journal.append(journaling.broken_off(step, attempt, reason))
-            raise
-        journal.append_many(journaling.outcome(result, self.files.options.out, self.files.limits))
-        return result
+    def _invalid(self, step: CycleStep) -> None:
+        self.verdicts[step.id] = Verdict.INVALID
+        self.progress.end(Verdict.INVALID.value)
 
     def _done(self, result: StepResult, item: pytest.Item) -> StepOutcome:
         self.verdicts[result.step.id] = result.verdict
@@ -155,41 +148,25 @@ class CycleSession:
             raise StepInvalidError(f"{verdict.value} (from the journal): {reason}")
         return StepOutcome(verdict, reason, rows)
 
-    def _recover(self, item: pytest.Item, error: DeviceError) -> None:
-        """Bring the bench back for another attempt; if that fails, no further step can run."""
-        self._open_journal().append(journaling.fault(error, "bench started anew for another attempt"))
-        try:
-            self.bench.stage.stop()
-            self.bench.start()
-        except DeviceError as again:
-            self._open_journal().append(journaling.fault(again, "session ended, bench made safe"))
-            item.session.shouldstop = f"the bench is broken, further steps are NOT RUN: {again}"
-            raise StepInvalidError(f"INVALID: {error}; and the bench does not come back: {again}") from None
-
     def _record_references(self) -> None:
         """Sweep once at the reference temperature before the first cycle: what relative metrics refer to."""
         cycle = self._plan[0].cycle if self._plan else 0
-        step = CycleStep(cycle, REFERENCE_INDEX, self.files.profile.reference_c, 1)
+        step = reference_step(cycle, self.files.profile.reference_c)
+        finished = self.past.finished(step.id)
+        if finished is not None:
+            # the session ended between recording and remembering
+            self._references.keep(step, from_bag(self.runner, step, finished, self.files.options.out), {})
+            return
         self.progress.begin(step)
-        result = self._attempt(step, len(self.past.failures(step.id)) + 1)
+        result = self._open().run(step)
         if not result.settle.settled:
             raise DataError(f"no reference could be recorded: {result.settle.reason}")
-        self._references.mkdir(parents=True, exist_ok=True)
-        for serial, data in result.steps.items():
-            if serial in self.runner.references:
-                continue
-            place = f"cycle {step.cycle}, before its first step, {step.set_temperature_c:g} degC"
-            try:
-                reference = remember(data, place)
-            except NotMeasurableError as reason:
-                raise DataError(f"no reference of {serial} could be recorded: {reason}") from None
-            reference.save(self._references / f"{serial}.npz")
-            self.runner.references[serial] = reference
+        self._references.keep(step, result.steps, result.lost)
 
-    def _open_journal(self) -> Journal:
-        if self.journal is None:
+    def _open(self) -> Attempts:
+        if self._attempts is None:
             raise DataError("the journal is not open")
-        return self.journal
+        return self._attempts
 
 
 def properties(result: StepResult, rows: Sequence[Row]) -> list[tuple[str, object]]:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from arl_fixtures.bench.profile import CycleStep
     from arl_fixtures.devices.interfaces import Chiller, Relays, Stage, Thermometer
     from arl_fixtures.devices.port import Clock
+    from arl_fixtures.guard.guarding import Guard
     from arl_fixtures.plugin.cycle import CycleSession, StepOutcome
     from arl_fixtures.plugin.resume import Past
     from arl_fixtures.plugin.setup import SessionFiles
@@ -41,13 +42,32 @@ def past(bench_files: SessionFiles) -> Past:
 
 
 @pytest.fixture(scope="session")
-def bench(request: pytest.FixtureRequest, bench_files: SessionFiles, past: Past) -> Iterator[Bench]:
-    """The bench of `--bench`, opened. However the session ends, it is left safe."""
+def guard(request: pytest.FixtureRequest, bench_files: SessionFiles) -> Iterator[Guard]:
+    """Who makes the bench safe when nobody else can: a process of its own, or inside where all is emulated."""
+    from arl_fixtures.errors import ArlError
+    from arl_fixtures.guard.guarding import open_guard
+
+    options = bench_files.options
+    try:
+        guard = open_guard(bench_files.bench, bench_file=options.bench, lab=options.lab)
+    except ArlError:
+        request.session.shouldstop = "the bench may not be driven, no step is run"
+        raise
+    yield guard
+    guard.close()
+
+
+@pytest.fixture(scope="session")
+def bench(
+    request: pytest.FixtureRequest, bench_files: SessionFiles, past: Past, guard: Guard
+) -> Iterator[Bench]:
+    """The bench of `--bench`, opened and guarded. However the session ends, it is left safe."""
     from arl_fixtures.bench.build import open_bench
     from arl_fixtures.errors import ArlError
 
     try:
-        bench = open_bench(bench_files.bench, start_s=past.start_s)
+        bench = open_bench(bench_files.bench, guard.lines, start_s=past.start_s)
+        guard.attach(bench)
     except ArlError:
         # without a bench no test can run: say so once
         request.session.shouldstop = "no bench, no step is run"
@@ -105,7 +125,7 @@ def twin(bench_files: SessionFiles) -> dict[str, Renderer]:
 
 @pytest.fixture(scope="session")
 def cycle_session(
-    request: pytest.FixtureRequest, bench: Bench, bench_files: SessionFiles, past: Past
+    request: pytest.FixtureRequest, bench: Bench, bench_files: SessionFiles, past: Past, guard: Guard
 ) -> Iterator[CycleSession]:
     """The cycle under way: bench started, reference recorded, journal open."""
     from arl_fixtures.errors import ArlError
@@ -113,7 +133,7 @@ def cycle_session(
     from arl_fixtures.plugin.progress import PytestScreen
 
     plan = planned_steps(request.session.items)
-    session = CycleSession(bench, bench_files, plan, past, screen=PytestScreen(request.config))
+    session = CycleSession(bench, bench_files, plan, past, screen=PytestScreen(request.config), guard=guard)
     try:
         session.start()
     except BaseException as error:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import arl_fixtures
 from arl_fixtures.bench.profile import CycleStep
+from arl_fixtures.errors import HoldError, InterlockError
 from arl_fixtures.journal import entries
 from arl_fixtures.journal.bridge import result_entries
 from arl_fixtures.journal.entries import JournalModel
@@ -95,6 +96,10 @@ def outcome(result: StepResult, folder: Path, limits: LimitSet) -> list[JournalM
                 message_count=result.bag.message_count,
             )
         )
+    lines += [
+        entries.Fault(device=f"DUT {serial}", message=why, action="measured without it, its values are INVALID")
+        for serial, why in result.lost.items()
+    ]
     lines += result_entries(step_id, attempt, result.judgements, limits)
     lines.append(
         entries.StepEnd(
@@ -113,6 +118,27 @@ def fault(error: Exception, action: str) -> entries.Fault:
     """A device did not do what it should."""
     message = str(error)
     return entries.Fault(device=message.partition(":")[0], message=message, action=action)
+
+
+def pause(error: HoldError) -> entries.Alarm:
+    """The guard asks for a pause."""
+    action = "soak_back" if error.soak_back else "hold"
+    return entries.Alarm(source="guard", condition=str(error), action=action)
+
+
+def note(text: str) -> entries.Note:
+    """Something worth a line that nothing depends on."""
+    return entries.Note(text=text)
+
+
+def pause_over(paused_s: float) -> entries.Note:
+    """The pause is over."""
+    return entries.Note(text=f"pause over after {paused_s:.1f} s")
+
+
+def safe_stop(error: InterlockError) -> entries.SafeStop:
+    """The guard brought the bench into its safe state; its message says whether that could be verified."""
+    return entries.SafeStop(cause=str(error))
 
 
 def session_end(reason: str, verdict: Verdict) -> entries.SessionEnd:

@@ -19,6 +19,7 @@ class Options:
     cycles: int
     first_cycle: int | None
     resume: bool
+    lab: Path | None = None
 
 
 def add_options(parser: pytest.Parser) -> None:
@@ -31,6 +32,7 @@ def add_options(parser: pytest.Parser) -> None:
     group.addoption("--cycles", type=int, metavar="N", help="number of cycles to run (default 1)")
     group.addoption("--first-cycle", type=int, metavar="N", help="cycle count of the first cycle (default: next)")
     group.addoption("--resume", action="store_true", help="go on where the newest journal in the output folder ended")
+    group.addoption("--lab", metavar="SOCKET", help="socket of the lab that holds the emulated hardware")
     parser.addini("arl_bench", "default of --bench", default="emulated")
     parser.addini("arl_profile", "default of --profile", default="short")
     parser.addini("arl_limits", "default of --limits", default="limits/default.yaml")
@@ -61,6 +63,7 @@ def read_options(config: pytest.Config) -> Options:
         cycles=count("--cycles", 1) or 1,
         first_cycle=count("--first-cycle", 0),
         resume=bool(config.getoption("--resume")),
+        lab=config.rootpath / lab if (lab := config.getoption("--lab")) else None,
     )
 
 

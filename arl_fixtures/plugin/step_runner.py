@@ -7,13 +7,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import fmean
-from typing import Final, Protocol, final
+from typing import Protocol, final
 
 import arl_fixtures
 from arl_fixtures.bench.bench import Bench, BenchReading
 from arl_fixtures.bench.profile import CycleStep, Profile
 from arl_fixtures.bench.settle import SettleReport
 from arl_fixtures.bench.sweep import sweep
+from arl_fixtures.devices.dut_status import DutError
 from arl_fixtures.metrics.conditions import Conditions
 from arl_fixtures.metrics.geometry import GeometryCache
 from arl_fixtures.metrics.judge import Judgement, judge, overall
@@ -27,8 +28,6 @@ from arl_fixtures.recording.bag_folder import BagReceipt
 from arl_fixtures.recording.metadata import StepMetadata
 from arl_fixtures.recording.names import bag_name
 from arl_fixtures.recording.writer import StepBagWriter
-
-REFERENCE_INDEX: Final = -1
 
 
 class Listener(Protocol):
@@ -58,6 +57,7 @@ class StepResult:
         verdict: the worst of those that decide.
         reason: what decided it, in words.
         temperatures_c: mean over the sweep by sensor.
+        lost: DUTs that stopped delivering, by serial number, and why; the others were measured without them.
     """
 
     step: CycleStep
@@ -69,6 +69,7 @@ class StepResult:
     verdict: Verdict
     reason: str
     temperatures_c: Mapping[str, float] = field(default_factory=dict)
+    lost: Mapping[str, str] = field(default_factory=dict)
 
 
 @final
@@ -100,19 +101,36 @@ class StepRunner:
         scene = bench.config.scene
         self._duts = {dut.serial: dut for dut in bench.config.dut_settings}
         self._geometry = {serial: GeometryCache(dut, scene) for serial, dut in self._duts.items()}
+        self._given_up: frozenset[str] = frozenset()
 
     def bag_path(self, step: CycleStep, attempt: int) -> Path:
         """Folder of the bag of one attempt."""
         return self._bags / bag_name(step.id, attempt)
 
-    def run(self, step: CycleStep, attempt: int, listener: Listener) -> StepResult:
+    def run(self, step: CycleStep, attempt: int, listener: Listener, *, last: bool = False) -> StepResult:
         """Do one step from settling to verdict.
+
+        A DUT that stops delivering costs the attempt, as it may do better at the next. In the last attempt, and where
+        it was given up in an earlier step, the others are measured without it instead.
+
+        Args:
+            step: which.
+            attempt: from 1.
+            listener: told how it goes on.
+            last: whether there will be no other attempt.
 
         Raises:
             DeviceError: a device failed; the bag stays unfinished.
-            DataError: the bag cannot be written.
+            StorageError: the bag cannot be written.
         """
         bench = self.bench
+        lost: dict[str, str] = {}
+
+        def lose(error: DutError) -> None:
+            if not last and not self._given_up.issuperset(error.serials):
+                raise error
+            lost.update(dict.fromkeys(error.serials, str(error)))
+
         settle = bench.settle(step.set_temperature_c, progress=listener.settling)
         if not settle.settled:
             return self._not_settled(step, attempt, settle)
@@ -131,9 +149,11 @@ class StepRunner:
 
             with _observing(bench, record):
                 bench.read()
-                self._sweep(step, bag, statistics, listener)
+                self._sweep(step, bag, statistics, listener, lose)
                 bench.read()
+            bench.require_control()
             receipt = bag.close()
+        self._given_up = frozenset(lost)
         temperatures = mean_temperatures(readings)
         conditions = Conditions(
             cycle=step.cycle,
@@ -143,8 +163,8 @@ class StepRunner:
             settled=True,
             temperatures_c=temperatures,
         )
-        steps = self.step_data(statistics, conditions, expected_angles=len(self._angles(step)))
-        return self._judged(step, attempt, settle, receipt, steps, conditions)
+        steps = self.step_data(statistics, conditions, expected_angles=self.angle_count(step), lost=lost)
+        return self._judged(step, attempt, settle, receipt, steps, conditions, lost)
 
     def step_data(
         self,
@@ -152,12 +172,13 @@ class StepRunner:
         conditions: Conditions,
         *,
         expected_angles: int,
-        faults: Mapping[str, str] | None = None,
+        lost: Mapping[str, str] | None = None,
     ) -> dict[str, StepData]:
-        """What the metrics get of each DUT; the same from a live sweep and from a bag."""
+        """What the metrics get of each DUT; the same from a live sweep and from a bag. Of a lost one: the reason."""
         data = {}
         for serial, each in statistics.items():
-            summary = each.summary() if len(each) else None
+            why = (lost or {}).get(serial, "")
+            summary = each.summary() if len(each) and not why else None
             data[serial] = StepData(
                 dut=self._duts[serial],
                 conditions=conditions,
@@ -165,18 +186,27 @@ class StepRunner:
                 geometry=self._geometry[serial].at(summary.stage_angle_deg) if summary else None,
                 expected_angles=expected_angles,
                 reference=self.references.get(serial),
-                faults=faults,
+                faults={"frames": why} if why else None,
             )
         return data
+
+    def angle_count(self, step: CycleStep) -> int:
+        """Angles of a step's sweep."""
+        return len(self._angles(step))
 
     def _angles(self, step: CycleStep) -> tuple[float, ...]:
         return self.profile.angles.angles_deg(step.cycle * 1000 + step.index + 1)
 
     def _sweep(
-        self, step: CycleStep, bag: StepBagWriter, statistics: Mapping[str, SweepStatistics], listener: Listener
+        self,
+        step: CycleStep,
+        bag: StepBagWriter,
+        statistics: Mapping[str, SweepStatistics],
+        listener: Listener,
+        lose: Callable[[DutError], None],
     ) -> None:
         angles = self._angles(step)
-        for record in sweep(self.bench, angles, frames=self.profile.frames):
+        for record in sweep(self.bench, angles, frames=self.profile.frames, lose=lose):
             bag.stage(record.time_ns, record.stage_angle_deg)
             for serial, block in record.blocks.items():
                 bag.block(block)
@@ -191,6 +221,7 @@ class StepRunner:
         receipt: BagReceipt,
         steps: Mapping[str, StepData],
         conditions: Conditions,
+        lost: Mapping[str, str],
     ) -> StepResult:
         measurements = [each for data in steps.values() for each in measure(data)]
         types = {serial: dut.model for serial, dut in self._duts.items()}
@@ -206,6 +237,7 @@ class StepRunner:
             verdict=verdict,
             reason=_why(decisive),
             temperatures_c=conditions.temperatures_c,
+            lost=lost,
         )
 
     def _not_settled(self, step: CycleStep, attempt: int, settle: SettleReport) -> StepResult:

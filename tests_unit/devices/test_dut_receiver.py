@@ -219,10 +219,32 @@ def test_the_time_out_holds_on_the_bench_clock():
 def test_a_frozen_dut_is_an_error_and_the_others_are_kept():
     datagrams = frames_of("192.168.10.21", frozen=True) + frames_of("192.168.10.22")
     duts, _ = receiver(datagrams)
-    with pytest.raises(FrozenFrameError, match=r"SN-A at 192\.168\.10\.21: frozen, 3 frames") as error:
+    with pytest.raises(FrozenFrameError, match=r"SN-A at 192\.168\.10\.21: frozen") as error:
         duts.collect(["SN-A", "SN-B"], 3, not_before_s=0.0, timeout_s=2.0)
     assert isinstance(error.value, RemoteProtocolError)
     assert list(error.value.blocks) == ["SN-B"]
+
+
+def test_a_dut_that_thaws_within_a_set_shows_nothing_of_where_it_froze():
+    alive, after = frames_of("192.168.10.21", count=10), frames_of("192.168.10.21", count=40)[20 * 32 :]
+    # frames 10 … 19 repeat the pixels of frame 9
+    stuck = [
+        Datagram(row.payload[:92] + old.payload[92:1116] + row.payload[1116:], row.sender, row.time_s)
+        for row, old in zip(frames_of("192.168.10.21", count=20)[10 * 32 :], alive[9 * 32 :] * 10, strict=True)
+    ]
+    duts, _ = receiver(alive + stuck + after, senders={"SN-A": "192.168.10.21"})
+    assert shown(duts.collect(["SN-A"], 3, not_before_s=0.27, timeout_s=2.0)["SN-A"]) == [7, 8, 9]
+    with pytest.raises(FrozenFrameError):
+        duts.collect(["SN-A"], 2, not_before_s=0.75, timeout_s=2.0)
+    assert shown(duts.collect(["SN-A"], 2, not_before_s=0.9, timeout_s=2.0)["SN-A"]) == [23, 24]
+
+
+def test_a_frame_whose_first_rows_were_lost_is_not_taken_for_a_later_one():
+    datagrams = frames_of("192.168.10.21")
+    # the exposure of frame 2 began 2 ms before the stage stood; of its rows the first eight never came
+    heard = [each for number, each in enumerate(datagrams) if not 64 <= number < 72]
+    duts, _ = receiver(heard, senders={"SN-A": "192.168.10.21"})
+    assert shown(duts.collect(["SN-A"], 2, not_before_s=0.082, timeout_s=2.0)["SN-A"]) == [3, 4]
 
 
 @pytest.mark.parametrize(
