@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ive
 
 from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, signals
 from arl_fixtures.reconcile.view import View
@@ -24,7 +25,8 @@ IntArray = NDArray[np.int64]
 _HEIGHTS_M = (0.10, 0.0, -0.10)
 _MOST_VIEWS = 8_000
 _TURNS_DEG = np.linspace(-1.5, 1.5, 31)
-_LIFTS_DEG = np.linspace(-1.0, 1.0, 9)
+_LIFTS_DEG = np.linspace(-1.5, 1.5, 21)
+_VARIANCES_PX2 = np.linspace(0.0, 1.5, 31)
 _SAME_RAY_DEG = 0.1
 _CHECKED = 400
 
@@ -221,6 +223,47 @@ def rendered_elsewhere(
     light = np.maximum(light, 1e-6)
     seen = dict.fromkeys(signals(view), light)
     return seen | dict.fromkeys(distances(view), moment / light * found.unit)
+
+
+def blurred_render(view: View, variance_px2: FloatArray) -> dict[str, FloatArray] | None:
+    """Relative light and range of the rows' pixels blurred by a Gaussian over the scene, by channel.
+
+    Args:
+        view: rows under work.
+        variance_px2: variance of the blur in pixels squared, of every row.
+
+    Returns:
+        As `rendered_elsewhere`; None where nothing can be rendered.
+    """
+    found = rendering(view)
+    if found is None:
+        return None
+    index = per_view(view, "rendered view", lambda: found.index[view.rows])
+    parts = []
+    for curves, lifted in ((found.light, found.light_up), (found.moment, found.moment_up)):
+        wide, tall = _blurred(view, curves, _TURNS_DEG), _blurred(view, lifted, _LIFTS_DEG)
+        middle = curves[:, _TURNS_DEG.size // 2][index]
+        across = _between(wide, index, _VARIANCES_PX2, variance_px2)
+        along = _between(tall, index, _VARIANCES_PX2, variance_px2)
+        parts.append(across + along - middle)
+    light = np.maximum(parts[0], 1e-6)
+    seen = dict.fromkeys(signals(view), light)
+    return seen | dict.fromkeys(distances(view), parts[1] / light * found.unit)
+
+
+def _blurred(view: View, curves: FloatArray, nodes: FloatArray) -> FloatArray:
+    return per_table(view, ("blurred", id(curves)), lambda: _blurs(curves, nodes))
+
+
+def _blurs(curves: FloatArray, nodes: FloatArray) -> FloatArray:
+    """(views, variances) curves blurred about their middle; a pixel is as wide as in the middle of the image."""
+    pixel_deg = float(np.degrees(1.0 / Intrinsics().fx))
+    step, middle = float(nodes[1] - nodes[0]) / pixel_deg, nodes.size // 2
+    weights = []
+    for variance in _VARIANCES_PX2:
+        weight = ive(np.abs(np.arange(nodes.size) - middle), variance / step**2)
+        weights.append(weight / weight.sum())
+    return np.asarray(curves @ np.array(weights).T)
 
 
 def nearest_rendered(view: View) -> FloatArray | None:

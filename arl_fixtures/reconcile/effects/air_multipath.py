@@ -6,20 +6,35 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
-from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, distances, light_channels, shape
+from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_common import (
+    FloatArray,
+    amplitude,
+    distances,
+    light_channels,
+    per_table,
+    set_light,
+    shape,
+)
 from arl_fixtures.reconcile.effects_frame import add_stray_light, has_frames
+from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.view import View
 
 _REACH_PX = (2, 5, 9)
+_PATCH_DEG = 1.0
 
 
 class Multipath(Effect):
-    """I += share·(light of the surroundings); the distance moves by (share of that light)·detour.
+    """Light that did not come straight back, by where it came from.
 
-    Surroundings are the whole image (light that fills the room), or the columns within nine pixels (a bright panel
-    beside a dark one). The detour is always longer than the direct way: distances grow, most for weak pixels.
+    * room: the target is lit by the surfaces round about too, I *= 1 + k, D += k / (1 + k)·detour; k and the detour
+      at each bearing follow from the simulated scene (every surface lights every other by its brightness, both facing
+      angles and the square of their distance).
+    * image, near: stray light of the image, or of the columns within nine pixels, arrives over a longer way:
+      I += share·S, D += detour·share·S / (I + share·S): weak pixels beside bright ones lengthen most.
+    * side: a surface beside the beam (floor, housing), at `height`: detour (sqrt(R² + 4·height²) − R) / 2 with a
+      share that falls off along the longer way. Needs no image.
     """
 
     id = "air.multipath"
@@ -30,36 +45,65 @@ class Multipath(Effect):
     confusable = ("optics.veiling_glare", "timing.range_walk", "optics.ghost")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """The whole image and the near columns."""
-        channel = view.channel(Role.INTENSITY)
-        if not channel or not distances(view) or not has_frames(view):
+        """Room and stray light for an imaging sensor, a surface beside the beam for any."""
+        channel, far = view.channel(Role.INTENSITY), distances(view)
+        if not far:
             return
-        unit = unit_of(distances(view)[0])
+        unit = unit_of(far[0])
         size = 1e3 if unit == "mm" else 1.0
-        for source in ("image", "near") if view.varies("pixel_u") else ("image",):
-            yield Variant(
-                effect=self.id,
-                options={"surroundings": source},
-                parameters=(
-                    amplitude("share", "1", 0.0, 0.5, 0.01),
-                    shape("detour", unit, 0.01 * size, 5.0 * size, 0.4 * size),
-                ),
-                channels=tuple(dict.fromkeys((*distances(view), *light_channels(view, channel)))),
-                drivers=(f"sim_{channel}", *(name for name in ("azimuth_deg", "pixel_u") if view.varies(name)))[:2],
-            )
+        share = amplitude("share", "1", 0.0, 0.5, 0.01)
+        lit = light_channels(view, channel) if channel else ()
+        everything = tuple(dict.fromkeys((*far, *lit)))
+        if channel and room(view) is not None:
+            drivers = [name for name in ("stage_angle_deg", "azimuth_deg") if view.varies(name)]
+            yield self._variant("room", (share,), everything, (*drivers, f"sim_{far[0]}"))
+        if channel and has_frames(view):
+            detour = shape("detour", unit, 0.01 * size, 5.0 * size, 0.4 * size)
+            for source in ("image", "near") if view.varies("pixel_u") else ("image",):
+                drivers = [name for name in ("azimuth_deg", "pixel_u") if view.varies(name)]
+                yield self._variant(source, (share, detour), everything, (f"sim_{channel}", *drivers[:1]))
+        low, high = view.span(f"sim_{far[0]}")
+        if 0.0 < low < 0.8 * high:
+            height = shape("height", unit, 0.02 * size, 5.0 * size, 0.2 * size, 0.8 * size)
+            driver = "true_range_m" if view.varies("true_range_m") else f"sim_{far[0]}"
+            yield self._variant("side", (share, height), far, (driver,))
+
+    def _variant(
+        self, source: str, parameters: tuple[Parameter, ...], channels: tuple[str, ...], drivers: tuple[str, ...]
+    ) -> Variant:
+        return Variant(
+            effect=self.id,
+            options={"source": source},
+            parameters=parameters,
+            channels=channels,
+            drivers=drivers,
+        )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Adds the detoured light."""
-        channel = view.channel(Role.INTENSITY)
-        if variant.options["surroundings"] == "image":
-            around = view.frame_mean(state, channel)
-        else:
-            around = _beside(view, state, channel)
+        channel, share = view.channel(Role.INTENSITY), float(values["share"])
+        source = variant.options["source"]
+        if source == "side":
+            for name in distances(view):
+                longer = np.sqrt(state[name] ** 2 + 4.0 * float(values["height"]) ** 2)
+                part = share * (state[name] / longer) ** 2
+                moved = 0.5 * part / (1.0 + part) * (longer - state[name])
+                state[name] = state[name] + np.where(np.isfinite(moved), moved, 0.0)
+            return
+        if source == "room":
+            lit = room(view)
+            if lit is None:
+                return
+            part = share * lit[0][view.rows]
+            for name in distances(view):
+                state[name] = state[name] + part / (1.0 + part) * lit[1][view.rows]
+            set_light(view, state, channel, state[channel] * (1.0 + part))
+            return
         add_stray_light(
             view,
             state,
             channel,
-            stray=float(values["share"]) * around,
+            stray=share * (view.frame_mean(state, channel) if source == "image" else _beside(view, state, channel)),
             far={name: state[name] + float(values["detour"]) for name in distances(view)},
             pull=1.0,
             kept=1.0,
@@ -67,15 +111,35 @@ class Multipath(Effect):
 
     def expression(self, variant: Variant) -> str:
         """The law."""
-        around = "of the image" if variant.options["surroundings"] == "image" else "of the columns beside"
+        source = variant.options["source"]
+        if source == "side":
+            return (
+                "distance += k / (1 + k) * (L - distance) / 2, L = sqrt(distance^2 + 4 height^2), k = share * "
+                "(distance / L)^2"
+            )
+        if source == "room":
+            return (
+                "signal *= 1 + k; distance += k / (1 + k) * detour; k = share * (light from the other surfaces), "
+                "mean 1"
+            )
+        around = "of the image" if source == "image" else "of the columns beside"
         return f"signal += share * S; distance += detour * share * S / (signal + share * S), S = mean signal {around}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Share and detour."""
+        share, unit = f"{values['share'] * 100:.2f} %", unit_of(distances(view)[0])
+        source = variant.options["source"]
+        if source == "room":
+            return (
+                f"Targets are lit by the surfaces round about too: on average {share} of their light took that "
+                "detour."
+            )
+        if source == "side":
+            return f"{share} of the light returns over a surface {values['height']:.2f} {unit} beside the beam."
         return (
-            f"{values['share'] * 100:.2f} % of the surroundings' light arrives over a detour of "
-            f"{values['detour']:.2f} "
-            f"{unit_of(distances(view)[0])} and lengthens the distances of weak pixels."
+            f"{share} of the surroundings' light arrives over a detour of {values['detour']:.2f} {unit} and "
+            "lengthens "
+            "the distances of weak pixels."
         )
 
     def next_experiment(self, variant: Variant) -> str:
@@ -93,3 +157,48 @@ def _beside(view: View, state: State, channel: str) -> FloatArray:
             total += np.where(good, value, 0.0)
             count += good
     return np.where(count > 0, total / np.maximum(count, 1.0), np.nan)
+
+
+def room(view: View) -> tuple[FloatArray, FloatArray] | None:
+    """Light that each row's target gets from all others, over its mean, and that light's extra one-way path.
+
+    Of every row of the whole table; None where the scene is not scanned over the bearing.
+    """
+    return per_table(view, "room", lambda: _room(view))
+
+
+def _room(view: View) -> tuple[FloatArray, FloatArray] | None:
+    found = scene(view)
+    channel, far = view.channel(Role.INTENSITY), distances(view)
+    if (
+        found is None
+        or not view.varies("azimuth_deg")
+        or not channel
+        or not far
+        or not view.varies("stage_angle_deg")
+    ):
+        return None
+    table = view.columns
+    light, range_ = table.numbers[f"sim_{channel}"], table.numbers[f"sim_{far[0]}"]
+    good = np.isfinite(light) & np.isfinite(range_) & (range_ > 0.0)
+    bins = np.floor(found.bearing / _PATCH_DEG).astype(np.int64)
+    count = np.bincount(bins[good], minlength=int(bins.max()) + 1)
+    seen = np.flatnonzero(count)
+    bright = np.bincount(bins[good], light[good], count.size)[seen] / count[seen]
+    away = np.bincount(bins[good], range_[good], count.size)[seen] / count[seen]
+    angle = np.radians((seen + 0.5) * _PATCH_DEG)
+    # between all pairs of patches on a plane about the axis, all of them facing it
+    cosine = np.cos(angle[:, None] - angle[None, :])
+    apart = away[:, None] ** 2 + away[None, :] ** 2 - 2.0 * away[:, None] * away[None, :] * cosine
+    apart = apart + 0.01 * away[:, None] ** 2
+    facing = np.maximum(away[:, None] - away[None, :] * cosine, 0.0) * np.maximum(
+        away[None, :] - away[:, None] * cosine, 0.0
+    )
+    weight = bright[None, :] * away[None, :] ** 2 * facing / apart**2 * away[:, None] ** 2
+    lit = weight.sum(axis=1)
+    detour = (weight * 0.5 * (away[None, :] + np.sqrt(apart) - away[:, None])).sum(axis=1) / np.maximum(lit, 1e-300)
+    if not lit.max() > 0.0:
+        return None
+    place = found.bearing / _PATCH_DEG - 0.5
+    strength = np.interp(place, seen, lit)
+    return strength / float(strength.mean()), np.interp(place, seen, detour)

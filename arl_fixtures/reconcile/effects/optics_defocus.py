@@ -13,6 +13,7 @@ from arl_fixtures.reconcile.effects_common import (
     above,
     amplitude,
     light_channels,
+    per_view,
     set_light,
     shape,
     signals,
@@ -20,6 +21,7 @@ from arl_fixtures.reconcile.effects_common import (
     temperature_drivers,
 )
 from arl_fixtures.reconcile.effects_frame import has_frames, ranged_by
+from arl_fixtures.reconcile.effects_render import blurred_render, rendered_elsewhere
 from arl_fixtures.reconcile.view import View
 
 
@@ -56,13 +58,21 @@ class Defocus(Effect):
                 )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
-        """Blurs columns, then rows; pixels beyond the table's edge count as the edge pixel."""
+        """Blurs the rendered scene where it is known, else the pixels that the table holds."""
         channel, column = str(variant.options["channel"]), str(variant.options["temperature"])
         width: FloatArray = np.full(view.n, float(values["width"]))
         if column:
             width = width * np.abs(above(view, column, float(values["sharpest"]))) / float(variant.options["range"])
         far = ranged_by(view, channel)
-        light, ranges = _blurred(view, state, channel, far, np.minimum(width, _WIDEST) ** 2)
+        variance = np.minimum(width, _WIDEST) ** 2
+        seen = blurred_render(view, variance)
+        if seen is not None:
+            clear = per_view(view, "rendered here", lambda: rendered_elsewhere(view, 0.0, 0.0)) or {}
+            for distance in far:
+                state[distance] = state[distance] + seen[distance] - clear[distance]
+            set_light(view, state, channel, state[channel] * seen[channel] / clear[channel])
+            return
+        light, ranges = _blurred(view, state, channel, far, variance)
         for distance, mean in ranges.items():
             state[distance] = np.where(np.isfinite(mean), mean, state[distance])
         set_light(view, state, channel, light)

@@ -19,22 +19,22 @@ from arl_fixtures.reconcile.effects_common import (
     temperature_drivers,
 )
 from arl_fixtures.reconcile.effects_history import History, history, low_pass, on_rows, reservoir
-from arl_fixtures.reconcile.effects_illumination import elevation
 from arl_fixtures.reconcile.view import View
 
 
 class WindowFrost(LightFactor):
-    """I *= exp(−depth · F · h^gradient), F the film, h the height on the window.
+    """I *= exp(−depth · F · (1 + gradient·h)), F the film, h from −1 at the lower to +1 at the upper image edge.
 
-    * balance: dF/dt = max(onset − T, 0) − melt·max(T − onset, 0), F ≥ 0: grows while cold, lasts until it has melted.
-    * settled: F follows max(onset − T, 0) within a time constant: vapour and surface near equilibrium.
-
-    h runs from near 0 to 1 upwards (gradient > 0: more film at the top) or downwards (gradient < 0).
+    * balance: dF/dt = e(onset) − e(T), e the vapour pressure: grows in proportion to the supersaturation below the
+      dew or frost point `onset`, goes in proportion to the deficit above, `melt` times as fast; F ≥ 0.
+    * settled: F follows max(onset − T, 0) within a time constant: film and vapour near equilibrium.
     """
 
     id = "optics.window_frost"
     stage = Stage.OPTICS
-    source = "Na, Webb, Int. J. Heat Mass Transfer 47 (2004) 925: frost growth in proportion to supersaturation"
+    source = (
+        "Na, Webb, Int. J. Heat Mass Transfer 47 (2004) 925: growth by supersaturation; Magnus formula (WMO-No. 8)"
+    )
     confusable = ("laser.thermal_rolloff", "detector.gain_temperature", "laser.power_decay")
 
     def variants(self, view: View) -> Iterable[Variant]:
@@ -49,20 +49,20 @@ class WindowFrost(LightFactor):
                     continue
                 record = history(view, column)
                 onset = shape("onset", "°C", max(low, _COLDEST_C), min(high, _WARMEST_C) + 0.1, 2.0, 10.0)
-                gradient = shape("gradient", "1", -3.0, 3.0, 0.0)
+                gradient = shape("gradient", "1", -1.0, 1.0, 0.0)
                 deep = max(onset.starts[0] - low, 0.02 * (high - low))
                 options: dict[str, Option] = {"channel": channel, "temperature": column, **_heights(view)}
                 memory: tuple[Parameter, ...] = ()
                 if record is not None:
-                    most = max(float(_film(record, onset.starts[0], 2.0).max()), 1e-6)
-                    unit = "1/(K h)" if record.unit == "s" else "1/(K step)"
+                    most = max(float(_film(record, onset.starts[0], 1.0).max()), 1e-6)
+                    unit = "1/(hPa h)" if record.unit == "s" else "1/(hPa step)"
                     yield self._variant(
                         view,
                         {**options, "kind": "balance"},
                         (
                             amplitude("depth", unit, 0.0, 30.0 / most, 0.1 / most),
                             onset,
-                            shape("melt", "1", 0.05, 50.0, 2.0),
+                            shape("melt", "1", 0.02, 50.0, 1.0),
                             gradient,
                         ),
                     )
@@ -101,10 +101,10 @@ class WindowFrost(LightFactor):
             cold = np.maximum(onset - record.values, 0.0)
             film = on_rows(view, low_pass(cold, record.interval / float(values["lag"])))
         depth = float(values["depth"]) * film
-        power = float(values["gradient"])
-        if power != 0.0:
-            up, down = per_view(view, ("height", variant.options["upper"]), lambda: _log_height(variant, view))
-            depth = depth * np.exp(power * up if power > 0.0 else -power * down)
+        lean = float(values["gradient"])
+        if lean != 0.0:
+            height = per_view(view, ("height", variant.options["upper"]), lambda: _height(variant, view))
+            depth = depth * np.maximum(1.0 + lean * height, 0.0)
         return np.exp(-np.minimum(depth, 20.0))
 
     def where(self, variant: Variant, values: Values, view: View) -> dict[str, list[str] | list[float]]:
@@ -116,10 +116,10 @@ class WindowFrost(LightFactor):
         """The law."""
         channel, column = variant.options["channel"], variant.options["temperature"]
         if variant.options["kind"] == "balance":
-            film = f"dF/dt = max(onset - {column}, 0) - melt * max({column} - onset, 0), F >= 0"
+            film = f"dF/dt = e(onset) - e({column}), times melt where negative, F >= 0, e the vapour pressure"
         else:
             film = f"F = max(onset - {column}, 0), delayed by lag"
-        return f"{channel} *= exp(-depth * F * height^gradient); {film}"
+        return f"{channel} *= exp(-depth * F * (1 + gradient * height)); {film}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Loss and onset."""
@@ -129,9 +129,9 @@ class WindowFrost(LightFactor):
             f"Ice or condensate on the window takes up to {-low:.1f} % of the light below {values['onset']:.1f} °C "
             f"of {column}"
         )
-        power = float(values["gradient"])
-        if abs(power) > 0.2:
-            text += ", more at the top" if power > 0.0 else ", more at the bottom"
+        lean = float(values["gradient"])
+        if abs(lean) > 0.2:
+            text += ", more at the top" if lean > 0.0 else ", more at the bottom"
         if variant.options["kind"] == "balance":
             text += "; it melts later than it forms, so heating differs from cooling"
         return f"{text}."
@@ -146,11 +146,17 @@ class WindowFrost(LightFactor):
 _COLDEST_C, _WARMEST_C = -20.0, 25.0
 
 
+def _vapour_hpa(temperature_c: FloatArray | float) -> FloatArray:
+    """Saturation vapour pressure over water, Magnus formula."""
+    warm = np.maximum(temperature_c, -100.0)
+    return np.asarray(6.112 * np.exp(17.62 * warm / (243.12 + warm)))
+
+
 def _film(record: History, onset: float, melt: float) -> FloatArray:
-    """Film in kelvin-hours (kelvin-steps without time)."""
+    """Film in hectopascal-hours (hectopascal-steps without time)."""
     hours = record.interval / (3600.0 if record.unit == "s" else 1.0)
-    colder = onset - record.values
-    return reservoir(np.where(colder > 0.0, colder, melt * colder) * hours)
+    surplus = _vapour_hpa(onset) - _vapour_hpa(record.values)
+    return reservoir(np.where(surplus > 0.0, surplus, melt * surplus) * hours)
 
 
 def _heights(view: View) -> dict[str, Option]:
@@ -164,12 +170,11 @@ def _heights(view: View) -> dict[str, Option]:
     return {"height": "", "lower": 0.0, "upper": 1.0}
 
 
-def _log_height(variant: Variant, view: View) -> tuple[FloatArray, FloatArray]:
-    """ln of the height from the bottom, and from the top, both within 0.02 to 1."""
+def _height(variant: Variant, view: View) -> FloatArray:
+    """Place of the pixel between the lower (−1) and the upper (+1) edge of the image."""
     name = str(variant.options["height"])
     if not name:
-        return np.zeros(view.n), np.zeros(view.n)
-    place = elevation(view) if name == "elevation_deg" else np.nan_to_num(view.number(name))
+        return np.zeros(view.n)
     low, high = float(variant.options["lower"]), float(variant.options["upper"])
-    share = np.clip((place - low) / (high - low), 0.02, 1.0)
-    return np.log(share), np.log(np.clip(1.02 - share, 0.02, 1.0))
+    share = np.nan_to_num((view.number(name) - low) / (high - low), nan=0.5)
+    return np.clip(2.0 * share - 1.0, -1.5, 1.5)

@@ -6,25 +6,30 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
     amplitude,
     distances,
     excess,
     period_starts,
     reference,
+    set_response,
     shape,
     signals,
     span,
     temperature_drivers,
     top_signal,
+    with_scatter,
 )
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
 
 class ColumnPattern(Effect):
-    """X += cosine·cos(2πp/period) + sine·sin(2πp/period), p the column or row; period 2 is odd against even."""
+    """X += offset·w and, for signals, X *= 1 + gain·w; w a wave over columns or rows, with a cosine and a sine part.
+
+    Period 2 is odd against even (one part only).
+    """
 
     id = "readout.column_pattern"
     stage = Stage.READOUT
@@ -49,17 +54,19 @@ class ColumnPattern(Effect):
         size = 0.01 * top_signal(view, channel) if channel in signals(view) else size
         scale = span(view, column) if column else 1.0
         per = f"{unit}/K" if column else unit
-        parameters: tuple[Parameter, ...] = (
-            amplitude("cosine", per, -50 * size / scale, 50 * size / scale, size / scale),
-        )
+        most = 50.0 * size / scale
+        parts = ("cosine",) if kind == "parity" else ("cosine", "sine")
+        parameters = tuple(amplitude(part, per, -most, most, 0.02 * most) for part in parts)
+        if channel in signals(view):
+            each = "1/K" if column else "1"
+            parameters += tuple(
+                amplitude(f"gain_{part}", each, -0.9 / scale, 0.9 / scale, 0.01 / scale) for part in parts
+            )
         if kind == "periodic":
             longest = min(span(view, axis), 64.0)
             starts = period_starts(_SHORTEST, longest, span(view, axis), most=40)
             whole = tuple(period for period in (3.0, 4.0, 5.0, 6.0, 8.0, 16.0) if period < longest)
-            parameters += (
-                amplitude("sine", per, -50 * size / scale, 50 * size / scale, size / scale),
-                shape("period", "px", _SHORTEST, longest, *whole, *starts),
-            )
+            parameters += (shape("period", "px", _SHORTEST, longest, *whole, *starts),)
         return Variant(
             effect=self.id,
             options={
@@ -70,7 +77,7 @@ class ColumnPattern(Effect):
                 "reference": reference(view, column) if column else 0.0,
             },
             parameters=parameters,
-            channels=(channel,),
+            channels=with_scatter(view, channel) if channel in signals(view) else (channel,),
             drivers=(axis, *((column,) if column else ())),
         )
 
@@ -79,35 +86,46 @@ class ColumnPattern(Effect):
         channel, column = str(variant.options["channel"]), str(variant.options["temperature"])
         place = np.nan_to_num(view.number(str(variant.options["axis"])))
         if variant.options["kind"] == "parity":
-            pattern = float(values["cosine"]) * np.where(np.rint(place) % 2.0 == 0.0, 1.0, -1.0)
+            waves = {"cosine": np.where(np.rint(place) % 2.0 == 0.0, 1.0, -1.0)}
         else:
             phase = 2.0 * np.pi / float(values["period"]) * place
-            pattern = float(values["cosine"]) * np.cos(phase) + float(values["sine"]) * np.sin(phase)
-        if column:
-            pattern = pattern * excess(view, variant, column)
-        state[channel] = state[channel] + pattern
+            waves = {"cosine": np.cos(phase), "sine": np.sin(phase)}
+        grown = excess(view, variant, column) if column else 1.0
+        added = sum(float(values[part]) * wave for part, wave in waves.items()) * grown
+        if "gain_cosine" in values:
+            gain = sum(float(values[f"gain_{part}"]) * wave for part, wave in waves.items()) * grown
+            gain = np.maximum(1.0 + gain, 0.02)
+            set_response(state, channel, state[channel] * gain, np.asarray(gain))
+        state[channel] = state[channel] + added
 
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel, axis = variant.options["channel"], variant.options["axis"]
         column = variant.options["temperature"]
         grown = f" * ({column} - {variant.options['reference']})" if column else ""
+        names = [parameter.name for parameter in variant.parameters]
+        waves = {"cosine": f"cos(2 pi {axis} / period)", "sine": f"sin(2 pi {axis} / period)"}
         if variant.options["kind"] == "parity":
-            return f"{channel} += cosine * (-1)^{axis}{grown}"
-        return f"{channel} += cosine * cos(2 pi {axis} / period) + sine * sin(2 pi {axis} / period)"
+            waves = {"cosine": f"(-1)^{axis}"}
+        added = " + ".join(f"{part} * {wave}" for part, wave in waves.items())
+        if "gain_cosine" not in names:
+            return f"{channel} += ({added}){grown}"
+        gain = " + ".join(f"gain_{part} * {wave}" for part, wave in waves.items())
+        return f"{channel} = {channel} * (1 + ({gain}){grown}) + ({added}){grown}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Amplitude and period."""
-        channel, column = variant.options["channel"], str(variant.options["temperature"])
-        size = float(np.hypot(values["cosine"], values.get("sine", 0.0)))
+        channel, column = str(variant.options["channel"]), str(variant.options["temperature"])
+        scale = span(view, column) if column else 1.0
+        size = float(np.hypot(values["cosine"], values.get("sine", 0.0))) * scale
+        gain = float(np.hypot(values.get("gain_cosine", 0.0), values.get("gain_sine", 0.0))) * scale
         along = "columns" if variant.options["axis"] == "pixel_u" else "rows"
+        what = f"±{size:.3g} {unit_of(channel)}" + (f" and ±{gain * 100:.2f} %" if gain else "")
+        when = f" over the range of {column}" if column else ""
         if variant.options["kind"] == "parity":
-            when = f" per kelvin of {column}" if column else ""
-            return f"Odd and even {along} differ: {channel} by ±{size:.3g}{when}."
-        return (
-            f"{channel} carries a pattern of ±{size:.3g} along the {along} with a period of {values['period']:.2f} "
-            "pixels."
-        )
+            return f"Odd and even {along} differ: {channel} by {what}{when}."
+        period = f"{values['period']:.2f} pixels"
+        return f"{channel} carries a pattern of {what} along the {along} with a period of {period}."
 
     def next_experiment(self, variant: Variant) -> str:
         """What shows its origin."""

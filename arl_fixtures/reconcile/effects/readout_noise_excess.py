@@ -7,16 +7,17 @@ from collections.abc import Iterable
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Option, Parameter, Stage, State, Values, Variant
-from arl_fixtures.reconcile.effects_common import amplitude, rounded, shape, temperature_drivers
-from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, rounded, shape, temperature_drivers
+from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.view import View
 
 
 class NoiseExcess(Effect):
-    """σ² = (σ·(1 + factor·c))² + (added·c)², with a condition c between 0 and 1.
+    """σ *= 1 + factor·c, or σ² += (added·c)²; c is the condition.
 
-    c is 1 everywhere; or 2^((T − highest)/doubling) of a temperature; or a smooth step above or below a knee; or one
-    direction of the ramp.
+    * everywhere: c = 1.
+    * growing: c = 2^((T − highest) / doubling).
+    * split: one factor below and one above a knee of a temperature, the image or the ramp.
     """
 
     id = "readout.noise_excess"
@@ -25,102 +26,87 @@ class NoiseExcess(Effect):
     confusable = ("laser.pulse_energy_jitter", "detector.dark_offset", "bench.repeatability")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """Per scatter channel: everywhere, with a temperature, beyond a knee of it, on one ramp."""
+        """Per scatter channel: everywhere, growing with a temperature, split by temperature, image or ramp."""
         columns = temperature_drivers(
             view, "tof_temperature_c", "fpga_temperature_c", "housing_temperature_c", limit=1
         )
+        split = [name for name in (*columns, "pixel_u", "pixel_v", "ramp") if view.varies(name)]
         for channel in view.channels(Role.SCATTER):
-            yield self._variant(view, channel.name, {"condition": "everywhere"}, (), ())
+            yield self._variant(view, channel.name, {"condition": "everywhere"}, ())
             for column in columns:
-                low, high = view.span(column)
+                options: dict[str, Option] = {"column": column, "highest": rounded(view.span(column)[1])}
                 growth = shape("doubling", "K", 3.0, 200.0, 20.0)
-                options: dict[str, Option] = {"temperature": column, "highest": rounded(high)}
-                yield self._variant(view, channel.name, {"condition": "growing", **options}, (growth,), (column,))
-                knee = shape("knee", "°C", low, high, low + 0.75 * (high - low), low + 0.25 * (high - low))
-                for side in ("above", "below"):
-                    start = Parameter(
-                        name="knee",
-                        unit="°C",
-                        low=low,
-                        high=high,
-                        starts=(knee.starts[0 if side == "above" else -1],),
-                    )
-                    options = {"condition": side, "temperature": column, "width": rounded(0.01 * (high - low))}
-                    yield self._variant(view, channel.name, options, (start,), (column,))
-            if view.varies("ramp"):
-                for label, sign in (("heating", 1.0), ("cooling", -1.0)):
-                    yield self._variant(view, channel.name, {"condition": label, "ramp": sign}, (), ("ramp",))
+                yield self._variant(view, channel.name, {"condition": "growing", **options}, (growth,))
+            for column in split:
+                low, high = view.span(column)
+                starts = [low + share * (high - low) for share in ((0.5,) if column == "ramp" else (0.5, 0.25, 0.75))]
+                options = {"condition": "split", "column": column, "width": rounded(0.01 * (high - low))}
+                knee = shape("knee", unit_of(column).replace("1", "px"), low, high, *starts)
+                yield self._variant(view, channel.name, options, (knee,))
 
-    def _variant(
-        self,
-        view: View,
-        name: str,
-        options: dict[str, Option],
-        shapes: tuple[Parameter, ...],
-        drivers: tuple[str, ...],
-    ) -> Variant:
+    def _variant(self, view: View, name: str, options: dict[str, Option], shapes: tuple[Parameter, ...]) -> Variant:
         values = view.columns.numbers[f"sim_{name}"]
         finite = values[np.isfinite(values)]
         usual = max(float(np.median(finite)), 1e-12) if finite.size else 1.0
-        unit = next(channel.unit for channel in view.columns.channels if channel.name == name)
+        if options["condition"] == "split":
+            sizes = (amplitude("factor_below", "1", 0.0, 20.0, 0.1), amplitude("factor_above", "1", 0.0, 20.0, 0.1))
+        else:
+            sizes = (
+                amplitude("factor", "1", 0.0, 20.0, 0.1),
+                amplitude("added", unit_of(name), 0.0, 50.0 * usual, 0.3 * usual),
+            )
         return Variant(
             effect=self.id,
             options={"channel": name, **options},
-            parameters=(
-                amplitude("factor", "1", 0.0, 20.0, 0.1),
-                amplitude("added", unit, 0.0, 50.0 * usual, 0.3 * usual),
-                *shapes,
-            ),
+            parameters=(*sizes, *shapes),
             channels=(name,),
-            drivers=drivers or (f"sim_{name}",),
+            drivers=(str(options["column"]),) if "column" in options else (f"sim_{name}",),
         )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Widens the scatter."""
         name = str(variant.options["channel"])
-        under = _condition(variant, values, view)
+        if variant.options["condition"] == "split":
+            beyond = _beyond(variant, values, view)
+            factor = float(values["factor_below"]) * (1.0 - beyond) + float(values["factor_above"]) * beyond
+            state[name] = state[name] * (1.0 + factor)
+            return
+        under: FloatArray = np.ones(view.n)
+        if variant.options["condition"] == "growing":
+            warm = np.nan_to_num(view.number(str(variant.options["column"]))) - float(variant.options["highest"])
+            under = np.exp2(np.clip(warm / float(values["doubling"]), -60.0, 4.0))
         scaled = state[name] * (1.0 + float(values["factor"]) * under)
         state[name] = np.sqrt(scaled**2 + (float(values["added"]) * under) ** 2)
 
     def where(self, variant: Variant, values: Values, view: View) -> dict[str, list[str] | list[float]]:
-        """Beyond the knee, or on the ramp."""
-        condition = variant.options["condition"]
-        if condition in ("above", "below"):
-            column = str(variant.options["temperature"])
-            low, high = view.span(column)
-            return {column: [float(values["knee"]), high] if condition == "above" else [low, float(values["knee"])]}
-        if "ramp" in variant.options:
-            return {"ramp": [float(variant.options["ramp"]), float(variant.options["ramp"])]}
-        return {}
+        """The noisier side of the knee."""
+        if variant.options["condition"] != "split":
+            return {}
+        column, knee = str(variant.options["column"]), float(values["knee"])
+        low, high = view.span(column)
+        return {column: [knee, high] if values["factor_above"] >= values["factor_below"] else [low, knee]}
 
     def expression(self, variant: Variant) -> str:
         """The law."""
-        name = variant.options["channel"]
-        column = variant.options.get("temperature", "")
-        condition = {
-            "everywhere": "1",
-            "growing": f"2^(({column} - {variant.options.get('highest', 0.0)}) / doubling)",
-            "above": f"({column} > knee)",
-            "below": f"({column} < knee)",
-            "heating": "(ramp > 0)",
-            "cooling": "(ramp < 0)",
-        }[str(variant.options["condition"])]
-        return f"{name}^2 = ({name} * (1 + factor * c))^2 + (added * c)^2, c = {condition}"
+        name, column = variant.options["channel"], variant.options.get("column", "")
+        if variant.options["condition"] == "split":
+            return f"{name} *= 1 + factor_below where {column} < knee, 1 + factor_above elsewhere"
+        growing = variant.options["condition"] == "growing"
+        grown = f", c = 2^(({column} - {variant.options['highest']}) / doubling)" if growing else ", c = 1"
+        return f"{name}^2 = ({name} * (1 + factor * c))^2 + (added * c)^2{grown}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Factor and condition."""
-        name, column = str(variant.options["channel"]), variant.options.get("temperature", "")
+        name, column = str(variant.options["channel"]), variant.options.get("column", "")
         state = {name: view.sim[name]}
         self.apply(variant, values, state, view)
         ratio = float(np.nanquantile(state[name] / view.sim[name], 0.95)) if view.n else 1.0
-        condition = {
-            "everywhere": "everywhere",
-            "growing": f"at the highest {column}, less below",
-            "above": f"above {values.get('knee', 0.0):.1f} °C of {column}",
-            "below": f"below {values.get('knee', 0.0):.1f} °C of {column}",
-            "heating": "while heating",
-            "cooling": "while cooling",
-        }[str(variant.options["condition"])]
+        condition = "everywhere"
+        if variant.options["condition"] == "growing":
+            condition = f"at the highest {column}, less below"
+        if variant.options["condition"] == "split":
+            above = values["factor_above"] >= values["factor_below"]
+            condition = f"where {column} is {'above' if above else 'below'} {values['knee']:.4g}"
         return f"{name} is up to {ratio:.2f} times what the noise model says, {condition}."
 
     def next_experiment(self, variant: Variant) -> str:
@@ -128,14 +114,7 @@ class NoiseExcess(Effect):
         return "Record dark frames (window covered) and frames of one bright target: read-out noise is in both alike."
 
 
-def _condition(variant: Variant, values: Values, view: View) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    condition = variant.options["condition"]
-    if condition == "everywhere":
-        return np.ones(view.n)
-    if "ramp" in variant.options:
-        return np.where(view.number("ramp") * float(variant.options["ramp"]) > 0.0, 1.0, 0.0)
-    warm = np.nan_to_num(view.number(str(variant.options["temperature"])))
-    if condition == "growing":
-        return np.exp2(np.clip((warm - float(variant.options["highest"])) / float(values["doubling"]), -60.0, 4.0))
-    side = 1.0 if condition == "above" else -1.0
-    return 0.5 + 0.5 * np.tanh(side * (warm - float(values["knee"])) / float(variant.options["width"]))
+def _beyond(variant: Variant, values: Values, view: View) -> FloatArray:
+    """0 below the knee, 1 above, smooth over a hundredth of the range."""
+    place = np.nan_to_num(view.number(str(variant.options["column"])))
+    return np.asarray(0.5 + 0.5 * np.tanh((place - float(values["knee"])) / float(variant.options["width"])))

@@ -31,7 +31,7 @@ class ZeroOffset(Effect):
                 options={"kind": kind},
                 parameters=(amplitude("zero" if kind == "constant" else "backlash", "deg", -3.0, 3.0, 0.05),),
                 channels=scanned_channels(view),
-                drivers=("stage_angle_deg",) if kind == "constant" else ("stage_angle_deg", "time_s"),
+                drivers=("stage_angle_deg",) if kind == "constant" else (*_direction(view), "stage_angle_deg"),
             )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
@@ -67,10 +67,19 @@ class ZeroOffset(Effect):
         )
 
 
+def _direction(view: View) -> tuple[str, ...]:
+    logged = tuple(name for name in view.covariates() if "direction" in name)[:1]
+    return logged or (("time_s",) if view.varies("time_s") else ())
+
+
 def travel(view: View) -> FloatArray:
     """Direction in which each row of the whole table came to its stage angle: ±1, 0 for the first of a sweep."""
 
     def make() -> FloatArray:
+        for name in view.covariates():
+            logged = view.columns.numbers[name]
+            if "direction" in name and np.isin(logged[np.isfinite(logged)], (-1.0, 0.0, 1.0)).all():
+                return np.nan_to_num(logged)
         place = View(view.columns).acquired_place(1)
         angle = view.columns.numbers["stage_angle_deg"]
         came = np.where(place >= 0, np.sign(angle - angle[place]), 0.0)

@@ -21,10 +21,12 @@ from arl_fixtures.reconcile.view import View
 
 
 class EdgeMixing(Effect):
-    """At borders D and I take a share of the other side: of its light, and of its range in proportion to that light.
+    """What a pixel at a border reports of the two surfaces in it, against what the simulation says.
 
-    `kind` range: the light is right, but the sensor reports the mixture's range (or the simulation one surface's).
-    `kind` both: more of the other surface is in the pixel than the simulation says. A negative share: less.
+    * dominant: D += share·(range of the surface that gives more light − D): the stronger echo wins.
+    * nearest: D += share·(range of the nearer surface − D): the first echo wins.
+    * range: D takes a share of the other side's range, in proportion to its light (negative: gives some back).
+    * both: the other side's light too: more of it is in the pixel than the simulation says.
     """
 
     id = "target.edge_mixing"
@@ -33,11 +35,11 @@ class EdgeMixing(Effect):
     confusable = ("optics.defocus", "detector.crosstalk", "acquisition.frame_lag")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """Range alone, and light with range."""
+        """Which surface wins, and how much of the other is in it."""
         if not view.labels("surface") or not borders(view).any():
             return
         channel = view.channel(Role.INTENSITY)
-        kinds = (("range",) if distances(view) else ()) + (("both",) if channel else ())
+        kinds = (("dominant", "nearest", "range") if distances(view) else ()) + (("both",) if channel else ())
         for kind in kinds:
             lit = light_channels(view, channel) if kind == "both" else ()
             yield Variant(
@@ -52,6 +54,12 @@ class EdgeMixing(Effect):
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Mixes the other side in at borders."""
         share = float(values["share"])
+        if variant.options["kind"] in ("dominant", "nearest"):
+            for name in distances(view):
+                winner = _winner(view, name, str(variant.options["kind"]))
+                moved = share * (winner - state[name])
+                state[name] = state[name] + np.where(borders(view) & np.isfinite(moved), moved, 0.0)
+            return
         channel = view.channel(Role.INTENSITY)
         far = {name: _across(view, name) for name in distances(view)}
         bright = _across(view, channel) if channel else np.ones(view.n)
@@ -68,11 +76,21 @@ class EdgeMixing(Effect):
 
     def expression(self, variant: Variant) -> str:
         """The law."""
+        kind = variant.options["kind"]
+        if kind in ("dominant", "nearest"):
+            return f"at borders: distance += share * (distance of the {kind} surface - distance)"
         text = "at borders: distance += w * (distance beyond - distance), w = the share of the light from beyond"
         return f"{text}; signal += share * (signal beyond - signal)" if variant.options["kind"] == "both" else text
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """The share."""
+        kind = variant.options["kind"]
+        if kind in ("dominant", "nearest"):
+            which = "surface that gives more light" if kind == "dominant" else "nearer surface"
+            return (
+                f"Where a pixel sees two surfaces, it reports {values['share'] * 100:.0f} % of the way to the "
+                f"{which}."
+            )
         what = "range" if variant.options["kind"] == "range" else "signal and range"
         return f"Where a pixel sees two surfaces, {values['share'] * 100:+.0f} % of the other one is in its {what}."
 
@@ -99,3 +117,31 @@ def _across(view: View, name: str) -> FloatArray:
         return best
 
     return per_view(view, ("across", name), find)
+
+
+def _winner(view: View, name: str, kind: str) -> FloatArray:
+    """Range of the surface that wins a border pixel: of the pixel's centre, or beyond the border."""
+
+    def find() -> FloatArray:
+        own, beyond = view.number(f"sim_{name}"), _across(view, name)
+        centre = _inside(view, name)
+        if kind == "nearest":
+            return np.fmin(np.fmin(centre, beyond), own)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            here = (own - beyond) / (centre - beyond)  # share of the light that comes from the centre's surface
+        return np.where(here >= 0.5, centre, beyond)
+
+    return per_view(view, ("winner", name, kind), find)
+
+
+def _inside(view: View, name: str) -> FloatArray:
+    """Range of the surface at a pixel's centre: as the simulation says, else of the neighbour that shows it alone."""
+    if "true_range_m" in view.columns.numbers:
+        return view.number("true_range_m") * (1e3 if name.endswith("_mm") else 1.0)
+    own_code, own, across = view.codes("surface")[0], view.number(f"sim_{name}"), _across(view, name)
+    best = np.full(view.n, np.nan)
+    for codes, values in neighbours(view, f"sim_{name}"):
+        candidate = np.where(codes == own_code, values, np.nan)
+        further = np.abs(candidate - across) > np.abs(best - across)
+        best = np.where(np.isnan(best) | further, candidate, best)
+    return np.where(np.isfinite(best), best, own)

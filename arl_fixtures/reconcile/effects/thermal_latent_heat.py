@@ -8,7 +8,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, shape
-from arl_fixtures.reconcile.effects_history import History, history, on_rows, rate
+from arl_fixtures.reconcile.effects_history import History, history, low_pass, on_rows, rate
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
 
@@ -17,7 +17,7 @@ class LatentHeat(Effect):
     """Enthalpy method: dH/dt = (T_drive − T) / τ, with T = H, then held while `latent` K melt, then T = H − latent.
 
     T_drive = T_sim + τ dT_sim/dt is what drives the simulated node; `latent` is the latent heat over the node's heat
-    capacity.
+    capacity. Water on a plate holds the nodes on it too: they follow its deviation within `follow`.
     """
 
     id = "thermal.latent_heat"
@@ -33,6 +33,8 @@ class LatentHeat(Effect):
             if record is None or low > -0.5 or high < 0.5:
                 continue
             duration = record.interval * record.values.shape[1]
+            carried = _carried(view, channel.name)
+            follow = (shape("follow", record.unit, 0.2 * record.interval, 0.1 * duration, 40.0),) if carried else ()
             yield Variant(
                 effect=self.id,
                 options={"channel": channel.name},
@@ -47,8 +49,9 @@ class LatentHeat(Effect):
                         0.05 * duration,
                     ),
                     shape("melting_point", "°C", -4.0, 4.0, 0.0),
+                    *follow,
                 ),
-                channels=(channel.name,),
+                channels=(channel.name, *carried),
                 drivers=(f"sim_{channel.name}", "time_s" if view.varies("time_s") else "step"),
             )
 
@@ -60,7 +63,12 @@ class LatentHeat(Effect):
             return
         tau, point, latent = (float(values[key]) for key in ("time_constant", "melting_point", "latent"))
         held = _plateau(record, tau, point, latent)
-        state[name] = state[name] + on_rows(view, held - _plateau(record, tau, point, 0.0))
+        deviation = held - _plateau(record, tau, point, 0.0)
+        state[name] = state[name] + on_rows(view, deviation)
+        if "follow" in values:
+            late = low_pass(deviation, record.interval / float(values["follow"]))
+            for other in variant.channels[1:]:
+                state[other] = state[other] + on_rows(view, late)
 
     def where(self, variant: Variant, values: Values, view: View) -> dict[str, list[str] | list[float]]:
         """About the melting point."""
@@ -85,6 +93,14 @@ class LatentHeat(Effect):
     def next_experiment(self, variant: Variant) -> str:
         """What confirms it."""
         return "Repeat the ramp through 0 °C after an hour at 60 °C in dry air: without water the plateau is gone."
+
+
+def _carried(view: View, channel: str) -> tuple[str, ...]:
+    """Temperature channels of the nodes that stand on a plate; none for another node."""
+    if not channel.startswith("plate_"):
+        return ()
+    others = (entry.name for entry in view.channels(Role.TEMPERATURE))
+    return tuple(name for name in others if name != channel and not name.startswith(("coolant_", "ambient_")))
 
 
 def _plateau(record: History, tau: float, point: float, latent: float) -> FloatArray:

@@ -44,7 +44,7 @@ class RangeWalk(Effect):
                         },
                         parameters=(
                             amplitude("walk", unit_of(distance), -2.0 * size, 2.0 * size, 0.005 * size),
-                            shape("exponent", "1", -0.8, 2.5, 0.5, 1.2)
+                            shape("exponent", "1", -2.5, 2.5, 0.5, 1.2)
                             if kind == "edge"
                             else shape("threshold", "1", 1e-4, 0.9, 0.02),
                         ),
