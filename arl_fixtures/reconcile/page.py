@@ -180,7 +180,7 @@ class _Maker:
             f" and {len(names) - NAMED_BLOCKS} more" if len(names) > NAMED_BLOCKS else ""
         )
 
-    def _size(self, f: Finding) -> list[tuple[str, str]]:
+    def _size(self, f: Finding) -> list[tuple[str, str, str]]:
         """How far a finding moves each of its channels, beyond a constant."""
         made = []
         for m in self.mismatches:
@@ -197,17 +197,19 @@ class _Maker:
                 continue
             text = _size_text(m.data, moved)
             if text:
-                made.append((name, text))
+                lead = "Beyond what calibration would take away, in" if m.data.calibrated else "In"
+                made.append((lead, name, text))
         return made
 
-    def unseen(self) -> list[tuple[str, str]]:
-        """Effects that this table could not have shown, with the reason."""
+    def unseen(self) -> list[tuple[str, list[str]]]:
+        """Reasons why this table could not have shown some effects, and their ids."""
         made = dict(self.diagnosis.invisible)
         tried = {effect.id for effect, _ in self.decision.search.variants}
         for effect in self.decision.effects:
             if effect.id not in tried and effect.id not in made and not any(True for _ in effect.variants(self.view)):
                 made[effect.id] = "the table lacks the columns it needs, or they do not vary"
-        return sorted(made.items())
+        reasons = dict.fromkeys(reason for _, reason in sorted(made.items()))
+        return [(reason, [e for e, r in sorted(made.items()) if r == reason]) for reason in reasons]
 
 
 def _part(d: ChannelData, state: State, fold: int, *, centred: bool = False) -> float:

@@ -21,7 +21,8 @@ from arl_fixtures.reconcile.view import BoolArray, View
 NULL_Z = 1.96
 """Half width of the null band in standard errors: 95 of 100 bins of a table without mismatch lie within."""
 OWN_BIN, MOST_BINS = 64, 32
-"""A column with at most `OWN_BIN` values (integers: 160) is not binned; others get `MOST_BINS` equally full bins."""
+MOST_INDICES = 160
+"""A column with at most `OWN_BIN` values is not binned; others get `MOST_BINS` equally full bins."""
 LARGEST_IMAGE = 1e5
 """Pixels along an image's side beyond which a column is no pixel index."""
 CLOSEST = 1.0 / 170.0
@@ -42,12 +43,14 @@ class Axis:
         code: bin of each row of the view, −1 outside.
         at: middle of each numeric bin; empty for categories.
         names: label of each category; empty for numbers.
+        log: whether the values are shown on a logarithmic axis.
     """
 
     column: str
     code: IntArray
     at: FloatArray = field(default_factory=lambda: np.zeros(0))
     names: tuple[str, ...] = ()
+    log: bool = False
 
     @property
     def count(self) -> int:
@@ -172,7 +175,7 @@ def axis_of(view: View, column: str, *, most: int = MOST_BINS, own: int = OWN_BI
         view: rows.
         column: numeric or category.
         most: bins of a column with many values.
-        own: number of values up to which each has a bin of its own.
+        own: number of values up to which each has a bin of its own (indices of pixels and steps: `MOST_INDICES`).
     """
     if view.is_category(column):
         code, labels = view.codes(column)
@@ -191,7 +194,8 @@ def axis_of(view: View, column: str, *, most: int = MOST_BINS, own: int = OWN_BI
     levels = np.unique(finite)
     if len(levels) < 2:
         return None
-    whole = own == OWN_BIN and len(levels) <= 160 and bool(np.all(levels == np.round(levels)))
+    index = levels[-1] - levels[0] < MOST_INDICES and bool(np.all(levels == np.round(levels)))
+    whole = own == OWN_BIN and index
     if len(levels) <= own or whole:
         cuts = (levels[1:] + levels[:-1]) / 2.0
     else:
@@ -201,21 +205,23 @@ def axis_of(view: View, column: str, *, most: int = MOST_BINS, own: int = OWN_BI
     count = np.bincount(code[code >= 0], minlength=len(cuts) + 1)
     sums = np.bincount(code[code >= 0], values[code >= 0], minlength=len(cuts) + 1)
     kept = np.flatnonzero(count > 0)
-    group = _near(sums[kept] / count[kept])
+    log = _is_skewed(finite)
+    group = _near(sums[kept] / count[kept], log=log)
     lookup = np.full(len(count) + 1, -1, dtype=np.int64)
     lookup[kept] = group
     at = np.bincount(group, sums[kept]) / np.bincount(group, count[kept])
-    return Axis(column=column, code=lookup[code], at=at) if len(at) > 1 else None
+    return Axis(column=column, code=lookup[code], at=at, log=log) if len(at) > 1 else None
 
 
-def is_wide(at: FloatArray) -> bool:
-    """Whether values span so much that they are shown on a logarithmic axis."""
-    return bool(at.min() > 0 and at.max() > 40.0 * at.min())
+def _is_skewed(values: FloatArray) -> bool:
+    """Whether values span decades and crowd at the low end, so that a linear axis would hide most of them."""
+    high = float(values.max())
+    return bool(values.min() > 0 and high > 30.0 * values.min() and np.median(values) < 0.25 * high)
 
 
-def _near(at: FloatArray) -> IntArray:
+def _near(at: FloatArray, *, log: bool) -> IntArray:
     """Number of the bin that each of ascending bins joins, so that no two lie closer than can be drawn apart."""
-    place = np.log(at) if is_wide(at) else at
+    place = np.log(at) if log else at
     gap = CLOSEST * float(place[-1] - place[0])
     group = np.zeros(len(at), dtype=np.int64)
     start = place[0]
@@ -290,9 +296,10 @@ def pixel_tiles(view: View) -> Tiles | None:
         if size == 1 and not filled and len(present) <= MOST_POINTS:
             code[good] = np.searchsorted(present, code[good])
             places: FloatArray = present.astype(np.float64)
+            pad_u, pad_v = 0.5 + 0.02 * (right - left), 0.5 + 0.04 * (bottom - top)
             return Tiles(
-                code=code, rows=1, columns=len(present), size=1, left=left - 0.5, right=right + 0.5,
-                top=top - 0.5, bottom=bottom + 0.5, u=left + places % wide, v=top + places // wide,
+                code=code, rows=1, columns=len(present), size=1, left=left - pad_u, right=right + pad_u,
+                top=top - pad_v, bottom=bottom + pad_v, u=left + places % wide, v=top + places // wide,
             )  # fmt: skip
         if filled or (size >= 64 and wide * high <= MOST_TILES):
             return Tiles(

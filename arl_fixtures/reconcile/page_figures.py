@@ -17,7 +17,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.columns import FloatArray
-from arl_fixtures.reconcile.page_data import NULL_Z, Axis, Profile, is_wide
+from arl_fixtures.reconcile.page_data import NULL_Z, Axis, Profile
 
 WIDTH = 360.0
 LEFT, RIGHT, TOP, BOTTOM = 46.0, 8.0, 8.0, 34.0
@@ -94,7 +94,7 @@ def _frame(label: str, body: Sequence[Markup], *, height: float = HEIGHT, wide: 
 
 def _y_axis(y: Scale) -> list[Markup]:
     made: list[Markup] = []
-    for value in ticks(y.low, y.high, most=5):
+    for value in ticks(y.low, y.high, most=7):
         made.append(_line([(LEFT, y(value)), (WIDTH - RIGHT, y(value))], "zero" if value == 0 else "grid"))
         made.append(_text(LEFT - 5, y(value) + 3.5, number(value), anchor="end"))
     return made
@@ -125,7 +125,7 @@ def curve(axis: Axis, profile: Profile, *, factor: float, label: str) -> Markup:
     at = axis.at[good]
     if len(at) == 0:
         return Markup("")
-    log = is_wide(at)
+    log = axis.log
     span = float(at.max() - at.min()) or max(abs(float(at[0])), 1.0)
     low, high = (at.min() / 1.1, at.max() * 1.1) if log else (at.min() - 0.03 * span, at.max() + 0.03 * span)
     x = Scale(float(low), float(high), LEFT, WIDTH - RIGHT, log)
@@ -142,7 +142,7 @@ def curve(axis: Axis, profile: Profile, *, factor: float, label: str) -> Markup:
         points = [(x(a), y(b)) for a, b in zip(at, values[good] * factor, strict=True)]
         if style == "before" and len(at) <= 40:
             body += [
-                _line([(px, y(b - e)), (px, y(b + e))], "error")
+                _line([(px, min(y(b - e), HEIGHT - BOTTOM)), (px, max(y(b + e), TOP))], "error")
                 for (px, _), b, e in zip(points, values[good] * factor, profile.error[good] * factor, strict=True)
                 if y(b - e) - y(b + e) < HEIGHT
             ]

@@ -161,6 +161,9 @@ class Gallery:
             column = shown_column(self.view, name)
             if column and column != "n_frames":
                 found.setdefault(column, None)
+        if m.centred:  # the units' constants are taken out: over the units nothing is left to see
+            for name in self.found.problem.groups.unit_columns:
+                found.pop(name, None)
         return list(found.items())
 
 

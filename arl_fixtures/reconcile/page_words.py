@@ -9,11 +9,14 @@ from arl_fixtures.reconcile.columns import Channel
 from arl_fixtures.reconcile.diagnosis import ChannelFit, Diagnosis, Finding, ParameterValue
 from arl_fixtures.reconcile.roles import Role, unit_of
 
+MUCH_LEFT = 0.3
+"""Share of the structured mismatch that stays unexplained from which the page says so at its top."""
+
 
 def title_of(effect: str) -> str:
     """An effect's id as words: `timing.range_walk` is `Range walk`."""
     if effect == "unknown":
-        return "Not in the library of effects"
+        return "Unknown effect"
     words = effect.rsplit(".", 1)[-1].replace("_", " ").strip()
     return words[:1].upper() + words[1:]
 
@@ -49,7 +52,7 @@ def share(value: float) -> str:
     if 99.5 <= percent < 100.0:
         return f"{math.floor(percent * 10) / 10:.1f} %"
     if 0.0 < percent < 0.95:
-        return "less than 1 %"
+        return "< 1 %"
     return f"{percent:.0f} %"
 
 
@@ -146,7 +149,9 @@ def matters(fit: ChannelFit, floor: float) -> str:
         f"On rows that took no part in fitting the mean square mismatch falls from {plain(fit.before)} to "
         f"{plain(fit.after)} (1 is what the simulation's own noise gives)"
     )
-    if fit.before > floor * 1.001:
+    if fit.unexplained > MUCH_LEFT:
+        text += f", and {share(fit.unexplained)} of what the table's columns could predict stays unexplained"
+    elif fit.before > floor * 1.001:
         removed = min(max((fit.before - fit.after) / (fit.before - floor), 0.0), 1.0)
         text += f": {share(removed)} of what exceeds the noise is explained"
     return text + "."
