@@ -40,6 +40,7 @@ class Rendering:
         unit: distance unit over a metre.
         light, moment: (views, turns) relative light and light-weighted range over a turn of the bearing.
         light_up, moment_up: (views, lifts) the same over a lift of the elevation.
+        fullness: (views,) mean light of the whole image over the mean of those pixels that the table holds.
     """
 
     index: IntArray
@@ -48,6 +49,7 @@ class Rendering:
     moment: FloatArray
     light_up: FloatArray
     moment_up: FloatArray
+    fullness: FloatArray
 
 
 def _soft(inside: FloatArray, width: FloatArray) -> FloatArray:
@@ -154,7 +156,34 @@ def _make(view: View) -> Rendering | None:
     for place, lift in enumerate(_LIFTS_DEG):
         seen = _see(_turned(rays, 0.0, float(lift)), angle, up, spread)
         light_up[:, place], moment_up[:, place] = seen[0].mean(axis=1), seen[1].mean(axis=1)
-    return Rendering(code, unit, light, moment, light_up, moment_up)
+    middle = light[:, _TURNS_DEG.size // 2]
+    fullness = _fullness(
+        np.unique(device * 1_000_000 + np.round(stage * 100.0), return_inverse=True)[1], u, v, stage, heights, middle
+    )
+    return Rendering(code, unit, light, moment, light_up, moment_up, fullness)
+
+
+def _beam(u: FloatArray, v: FloatArray) -> FloatArray:
+    az, el = (np.degrees(angle) for angle in azimuth_elevation(pixel_rays(Intrinsics(), u, v)))
+    return np.asarray(np.exp(-((az / 75.0) ** 4) - (el / 18.0) ** 4))
+
+
+def _fullness(
+    frame: IntArray, u: FloatArray, v: FloatArray, stage: FloatArray, heights: FloatArray, light: FloatArray
+) -> FloatArray:
+    """Mean light of the nominal image (every fourth pixel) over the mean of the views of the same frame."""
+    held = np.bincount(frame, light * _beam(u, v)) / np.bincount(frame)
+    across, along = (
+        part.ravel() for part in np.meshgrid(np.arange(1.5, 128, 4), np.arange(1.5, 32, 4), indexing="ij")
+    )
+    rays, spread = _subrays(across, along)
+    rays, spread, beam = rays[:, :, 4], 12.0 * spread[:, :, 4], _beam(across, along)
+    whole = np.zeros(held.size)
+    for index in range(held.size):
+        one = int(np.flatnonzero(frame == index)[0])
+        seen, _ = _see(rays, np.full(across.size, stage[one]), np.full(across.size, heights[one]), spread)
+        whole[index] = float(np.mean(seen * beam))
+    return np.asarray((whole / np.maximum(held, 1e-300))[frame])
 
 
 def _same_camera(view: View, rows: IntArray, u: FloatArray, v: FloatArray) -> bool:
@@ -264,6 +293,12 @@ def _blurs(curves: FloatArray, nodes: FloatArray) -> FloatArray:
         weight = ive(np.abs(np.arange(nodes.size) - middle), variance / step**2)
         weights.append(weight / weight.sum())
     return np.asarray(curves @ np.array(weights).T)
+
+
+def whole_image(view: View) -> FloatArray | float:
+    """Mean light of each row's whole image over that of the pixels that the table holds of it; 1 where not known."""
+    found = rendering(view)
+    return 1.0 if found is None else found.fullness[found.index[view.rows]]
 
 
 def nearest_rendered(view: View) -> FloatArray | None:

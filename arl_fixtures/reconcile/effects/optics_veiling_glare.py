@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import amplitude, light_channels, shape, signals
 from arl_fixtures.reconcile.effects_frame import add_stray_light, frame_range, has_frames, ranged_by
+from arl_fixtures.reconcile.effects_render import whole_image
 from arl_fixtures.reconcile.view import View
 
 
@@ -36,13 +37,13 @@ class VeilingGlare(Effect):
             )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
-        """Adds the image's mean light with the image's mean range."""
+        """Adds the mean light of the whole image (as far as it is known) with the image's mean range."""
         channel, share = str(variant.options["channel"]), float(values["share"])
         add_stray_light(
             view,
             state,
             channel,
-            stray=share * view.frame_mean(state, channel),
+            stray=share * view.frame_mean(state, channel) * whole_image(view),
             far={distance: frame_range(view, distance, channel) for distance in ranged_by(view, channel)},
             pull=float(values.get("pull", 0.0)),
             kept=1.0 - share,
