@@ -69,6 +69,11 @@ class VirtualClock:
         """Virtual UTC."""
         return self._epoch_ns + round(self._now_s * 1e9)
 
+    @property
+    def next_event_s(self) -> float:
+        """When the next event is due; infinity when there is none."""
+        return self._events[0][0] if self._events else float("inf")
+
     def at(self, time_s: float, action: Callable[[], None]) -> None:
         """Run `action` when the clock reaches `time_s`; equal times run in the order they were asked for."""
         heapq.heappush(self._events, (max(time_s, self._now_s), next(self._order), action))

@@ -118,7 +118,7 @@ DEFAULT_CONDITIONS: Final = (
     Condition(watch="housings", rate_per_min=25.0, action=Action.HOLD),
     Condition(watch="housings", disagreement=20.0, action=Action.SAFE_STATE, for_s=20.0),
     Condition(watch="plate", ceiling=102.0, for_s=2.0),
-    Condition(watch="coolant", ceiling=105.0),
+    Condition(watch="coolant", ceiling=98.0),
     Condition(watch="coolant", floor=-32.0),
     Condition(watch="coolant", stale_s=20.0),
     Condition(watch="level", floor=5.0),
@@ -145,6 +145,7 @@ class GuardSettings(FileModel):
         attempt_s: patience with one device in one attempt at a safe action; the next device is not kept waiting.
         attempts: how often each safe action is tried before it is reported as not verified.
         line_quiet_s: after a question without an answer, how long the guard leaves that line to whoever asked.
+        clear_s: how long every condition must hold again before a pause is over.
         hold_limit_s: a hold or soak back that lasts longer becomes a safe state.
         obey_s: how soon the test must heed a hold; else safe state.
         reply_timeout_s: wall time after which a guard that does not answer counts as dead; it is killed then, and
@@ -162,6 +163,7 @@ class GuardSettings(FileModel):
     attempt_s: float = Field(default=0.4, gt=0)
     attempts: int = Field(default=5, ge=1, le=100)
     line_quiet_s: float = Field(default=3.0, ge=0)
+    clear_s: float = Field(default=30.0, ge=0)
     hold_limit_s: float = Field(default=1800.0, gt=0)
     obey_s: float = Field(default=60.0, gt=0)
     reply_timeout_s: float = Field(default=10.0, gt=0)

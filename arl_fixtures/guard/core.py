@@ -145,7 +145,7 @@ class GuardCore:
         self.request: Request | None = None
         self._watches: list[ConditionWatch] = []
         self._safe: SafeSequence | None = None
-        self._beat_s = self._held_since_s = 0.0
+        self._beat_s = self._held_since_s = self._violated_s = 0.0
         self._heeded = False
         self._records: list[Record] = []
 
@@ -200,10 +200,12 @@ class GuardCore:
         violations = [found for watch in self._watches if (found := watch.see(sample)) is not None]
         worst = max(violations, key=lambda found: found.condition.action.severity, default=None)
         if worst is None:
-            if self.state is State.HOLDING:
+            if self.state is State.HOLDING and now_s - self._violated_s >= self._settings.clear_s:
                 self.request = None
                 self._go(Event.CLEAR, now_s)
-        elif worst.condition.action is Action.SAFE_STATE:
+            return
+        self._violated_s = now_s
+        if worst.condition.action is Action.SAFE_STATE:
             self._trip(now_s, str(worst), needs_ack=True)
         else:
             self._hold(now_s, worst)

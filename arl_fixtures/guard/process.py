@@ -25,7 +25,7 @@ from arl_fixtures.guard.sessions import Session, Sessions
 from arl_fixtures.lab.framing import Message
 
 _LOOK_LIMIT_S: Final = 10.0
-_RETRY_S: Final = 10.0
+_RETRY_S: Final = 3.0
 _REST_S: Final = 1.0
 _SETTLED: Final = frozenset({State.IDLE, State.SAFE})
 

@@ -137,7 +137,7 @@ class LabServer:
             if not runners:
                 return None
             return max(min(client.runs_since_s for client in runners) + self._grace_s - self._wall_s(), 0.0)
-        wake_s = self._next_wake_s()
+        wake_s = min(self._next_wake_s(), self._clock.next_event_s)
         if wake_s == NEVER:
             return None if not runners else self._grace_s
         return max(wake_s - self._paced_s(self._pace), 0.0)

@@ -16,7 +16,7 @@ CONDITIONS = (
     Condition(watch="housings", floor=-20.0, action=Action.SOAK_BACK),
     Condition(watch="stage_fault", action=Action.HOLD),
 )
-SETTINGS = GuardSettings(conditions=CONDITIONS, attempts=3, hold_limit_s=100.0, obey_s=20.0)
+SETTINGS = GuardSettings(conditions=CONDITIONS, attempts=3, hold_limit_s=100.0, obey_s=20.0, clear_s=0.0)
 
 
 def sample(time_s, housing_c=25.0, stage_fault=""):
@@ -95,6 +95,16 @@ def test_hold_ends_by_itself_and_soak_back_outweighs_it():
     core.see(sample(3.0))
     assert core.state is State.ARMED
     assert core.request is None
+
+
+def test_a_pause_is_over_when_all_has_been_well_for_a_while():
+    core = armed(settings=SETTINGS.model_copy(update={"clear_s": 5.0}))
+    core.see(sample(1.0, stage_fault="stalled"))
+    for time_s, fault in ((3.0, ""), (4.0, "stalled"), (8.9, "")):
+        core.see(sample(time_s, stage_fault=fault))
+        assert core.state is State.HOLDING
+    core.see(sample(9.0))
+    assert core.state is State.ARMED
 
 
 def test_a_pause_that_is_not_heeded_or_never_ends_becomes_a_safe_state():

@@ -13,6 +13,7 @@ from conftest import assert_safe_within, go_on, is_safe, reap, until
 HOLD = """
 guard:
   poll_s: 1.0
+  clear_s: 4.0
   conditions:
     - {watch: level, floor: 50, action: hold}
     - {watch: chiller_alarm}

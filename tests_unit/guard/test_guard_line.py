@@ -1,0 +1,150 @@
+"""Two users of one line: who waits for whom, and for how long."""
+
+import pytest
+
+from arl_fixtures.bench.clock import VirtualClock
+from arl_fixtures.errors import DeviceLostError, DeviceTimeoutError
+from arl_fixtures.guard.line import HOLD_S, Line, OwnPort, Patience, PatientClock
+
+QUIET_S = 3.0
+
+
+class Port:
+    """A line on which `coming` lies ready."""
+
+    name = "serial:///dev/fake"
+
+    def __init__(self):
+        self.coming = b""
+        self.written = []
+        self.closed = False
+
+    def write(self, data):
+        self.written.append(data)
+
+    def read(self, timeout_s):
+        data, self.coming = self.coming, b""
+        return data
+
+    def drain(self):
+        return self.read(0.0)
+
+    def reopen(self):
+        self.coming = b""
+
+    def close(self):
+        self.closed = True
+        raise DeviceLostError("already gone")
+
+
+class Host:
+    """Time that passes by waiting; cut short where `cut_s` says."""
+
+    def __init__(self):
+        self.clock = VirtualClock()
+        self.cut_s = float("inf")
+
+    def read(self, port, timeout_s, attention):
+        if not port.coming:
+            self.sleep(self.clock.now_s + timeout_s, attention)
+        return port.read(0.0)
+
+    def sleep(self, until_s, attention):
+        self.clock.sleep(min(until_s, self.cut_s) - self.clock.now_s)
+
+
+@pytest.fixture
+def host():
+    return Host()
+
+
+@pytest.fixture
+def line(host):
+    return Line("relays", Port(), host.clock, quiet_s=QUIET_S)
+
+
+@pytest.fixture
+def patience():
+    return Patience()
+
+
+@pytest.fixture
+def own(line, host, patience):
+    return OwnPort(line, host, None, patience)
+
+
+def serve(line, op="read", payload=b"", *, drain=False):
+    return line.serve(op, payload, drain=drain, read=lambda port: port.read(0.0))
+
+
+def test_the_guard_waits_until_the_tests_exchange_is_over(line, host):
+    host.clock.sleep(10.0)
+    line.port.coming = b"answer"
+    assert serve(line, payload=b"question") == b"answer"
+    assert line.free_for_guard_s() == pytest.approx(10.0 + HOLD_S)
+    host.clock.sleep(HOLD_S)
+    assert line.free_for_guard_s() <= host.clock.now_s
+
+
+def test_a_question_of_the_test_without_answer_keeps_the_guard_away_until_nothing_can_come(line, host):
+    assert serve(line, payload=b"question") == b""
+    assert line.free_for_guard_s() == pytest.approx(QUIET_S)
+    host.clock.sleep(1.0)
+    line.port.coming = b"answer"
+    assert serve(line, payload=b"again") == b"answer"
+    assert line.free_for_guard_s() == pytest.approx(1.0 + HOLD_S)
+
+
+def test_a_question_of_the_guard_without_answer_keeps_the_test_away(line, own, host):
+    own.write(b"question")
+    assert own.read(0.5) == b""
+    assert line.free_for_test_s() == pytest.approx(QUIET_S)
+    own.write(b"again")
+    line.port.coming = b"answer"
+    assert own.read(0.5) == b"answer"
+    assert line.free_for_test_s() == float("-inf")
+
+
+def test_opening_again_settles_the_line(line, own):
+    own.write(b"question")
+    own.reopen()
+    assert line.free_for_test_s() == float("-inf")
+    serve(line, payload=b"question")
+    serve(line, "reopen")
+    assert line.free_for_guard_s() == pytest.approx(HOLD_S)
+
+
+def test_forgetting_comes_before_writing(line):
+    line.port.coming = b"stale"
+    assert serve(line, payload=b"question", drain=True) == b""
+    assert line.port.written == [b"question"]
+
+
+def test_the_guards_patience_ends_at_its_deadline(own, host, patience):
+    patience.deadline_s = 0.4
+    own.write(b"question")
+    assert own.read(2.0) == b""
+    assert host.clock.now_s == pytest.approx(0.4)
+    with pytest.raises(DeviceTimeoutError, match="no time left"):
+        own.read(2.0)
+    with pytest.raises(DeviceTimeoutError, match="no time left"):
+        own.write(b"question")
+
+
+def test_the_guards_sleep_is_cut_by_deadline_and_urgency(host, patience):
+    clock = PatientClock(host, None, patience)
+    clock.sleep(0.5)
+    patience.deadline_s = 1.0
+    with pytest.raises(DeviceTimeoutError):
+        clock.sleep(1.0)
+    assert clock.now_s == pytest.approx(1.0)
+    patience.deadline_s, host.cut_s = float("inf"), 1.2
+    with pytest.raises(DeviceTimeoutError):
+        clock.sleep(1.0)
+    assert clock.now_s == pytest.approx(1.2)
+    assert clock.utc_ns() == host.clock.utc_ns()
+
+
+def test_releasing_a_line_that_is_gone_is_no_error(line):
+    line.close()
+    assert line.port.closed
