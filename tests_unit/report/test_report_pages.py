@@ -1,0 +1,118 @@
+"""HTML and PDF: same input, same bytes; what devices say is shown and never obeyed."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import zlib
+from html.parser import HTMLParser
+
+import pytest
+from report_samples import HOSTILE, drifting, one_step, report_of
+
+from arl_fixtures.report.html import html_page
+from arl_fixtures.report.lifetime import load_lifetime
+from arl_fixtures.report.pdf import pdf_bytes
+from arl_fixtures.report.text import shown
+from arl_fixtures.report.write import write_report
+
+
+class Page(HTMLParser):
+    """Tags, attributes and visible text of a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.text = ""
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data):
+        self.text += data
+
+
+@pytest.fixture(scope="module")
+def hostile(tmp_path_factory):
+    return one_step(tmp_path_factory.mktemp("hostile"), 9.0, "FAIL", dut=HOSTILE, reason=HOSTILE, campaign=HOSTILE)
+
+
+def test_the_same_journal_gives_the_same_bytes_wherever_it_lies(tmp_path):
+    path = drifting(tmp_path / "here", [0.0, 0.2, 0.3])
+    there = tmp_path / "there"
+    there.mkdir()
+    shutil.copy(path, there)
+    first = write_report(report_of(path), tmp_path / "one", "report")
+    second = write_report(report_of(there / path.name), tmp_path / "two", "report")
+    for one, two in zip(first, second, strict=True):
+        assert one.read_bytes() == two.read_bytes()
+
+
+def test_the_pdf_bears_no_date_of_its_making(tmp_path):
+    made = pdf_bytes(report_of(one_step(tmp_path, 0.0, "PASS")))
+    assert made.startswith(b"%PDF-")
+    dates = re.findall(rb"\(D:(\d{8})", made) + re.findall(rb"CreateDate>(\d{4})", made)
+    assert all(each.startswith(b"1970") for each in dates)
+
+
+def test_the_page_needs_nothing_from_elsewhere(tmp_path):
+    page = Page(html_page(report_of(drifting(tmp_path, [0.0, 0.2]))))
+    assert not [tag for tag, _ in page.tags if tag in {"script", "link", "iframe", "object"}]
+    urls = [
+        value or "" for _, attributes in page.tags for name, value in attributes.items() if name in {"src", "href"}
+    ]
+    assert urls
+    assert all(url.startswith(("data:image/", "#")) for url in urls)
+    images = [attributes for tag, attributes in page.tags if tag == "img"]
+    assert all(image["alt"] for image in images)
+
+
+def test_hostile_texts_are_shown_and_make_no_markup(hostile):
+    page = Page(html_page(report_of(hostile)))
+    assert "script" not in {tag for tag, _ in page.tags}
+    assert shown(HOSTILE) in page.text
+    # neither the template language nor attributes take anything of it
+    assert "49" not in page.text.split(shown(HOSTILE))[0][-40:]
+    allowed = {"id", "class", "href", "lang", "charset", "name", "content", "http-equiv", "scope", "data-label"}
+    allowed |= {"src", "alt", "role", "aria-label"}
+    assert {name for _, attributes in page.tags for name in attributes} <= allowed
+
+
+def test_hostile_texts_do_not_move_the_typesetter(hostile, tmp_path):
+    report = report_of(hostile)
+    made = pdf_bytes(report)
+    harmless = one_step(tmp_path, 9.0, "FAIL", dut="SN-1", reason="harmless", campaign="c")
+    assert page_count(made) - page_count(pdf_bytes(report_of(harmless))) in {0, 1}
+    assert shown(HOSTILE) in report.plain()["subtitle"]
+
+
+def page_count(pdf: bytes) -> int:
+    bodies = [pdf]
+    for stream in re.findall(rb"stream\r?\n(.*?)\r?\nendstream", pdf, re.DOTALL):
+        try:
+            bodies.append(zlib.decompress(stream))
+        except zlib.error:
+            continue
+    return max(int(count) for body in bodies for count in re.findall(rb"/Count (\d+)", body))
+
+
+@pytest.mark.parametrize(("number", "verdict"), [(9.0, "FAIL"), (None, "INVALID"), (None, "NOT_RUN")])
+def test_what_is_not_pass_is_told_in_words_not_by_colour_alone(tmp_path, number, verdict):
+    page = Page(html_page(report_of(one_step(tmp_path, number, verdict, reason="too few frames"))))
+    assert verdict.replace("_", " ") in page.text
+    assert "too few frames" in page.text
+
+
+def test_missing_maps_are_named_and_the_rest_is_there(tmp_path):
+    page = Page(html_page(report_of(one_step(tmp_path, 0.0, "PASS"))))
+    assert "Missing: the bench file is not at hand" in page.text
+    assert "Signatures" in page.text
+
+
+def test_lifetime_is_shown_as_ranges(tmp_path):
+    from test_lifetime import FILE
+
+    page = Page(html_page(report_of(drifting(tmp_path, [0.0, 0.1]), load_lifetime(FILE))))
+    assert re.search(r"\d … [\d.e+]+ swings", page.text)
+    assert re.search(r"\d … [\d.e+]+ h\b", page.text)
