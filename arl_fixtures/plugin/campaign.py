@@ -14,12 +14,12 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from arl_fixtures.errors import UnitError
+from arl_fixtures.errors import DataError, UnitError
 from arl_fixtures.journal.record import SessionRecord, read_journal
 from arl_fixtures.journal.resume import JOURNAL_PATTERN, newest_journal
 from arl_fixtures.plugin.options import Options
 from arl_fixtures.quantity import check_unit, convert
-from arl_fixtures.yaml_model import FileModel
+from arl_fixtures.yaml_model import FileModel, load_model
 
 
 def _known_unit(text: str) -> str:
@@ -86,12 +86,18 @@ def session_cycles(options: Options) -> Sequence[int]:
     """Cycle counts of this session: the interrupted ones, those asked for, or the next ones of the campaign.
 
     Raises:
-        DataError: a journal in the output folder cannot be read, or there is none to resume.
+        DataError: a journal in the output folder cannot be read, there is none to resume, or all cycles are done.
+        ConfigError: the campaign file is wrong.
     """
     if options.resume:
         return read_journal(newest_journal(options.out)).begin.cycles
     first = options.first_cycle if options.first_cycle is not None else next_cycle(options.out)
-    return range(first, first + options.cycles)
+    if options.campaign is None:
+        return range(first, first + options.cycles)
+    campaign = load_model(options.campaign, CampaignFile)
+    if first >= campaign.cycles:
+        raise DataError(f"{options.campaign}: all {campaign.cycles} cycles of the campaign are done")
+    return range(first, campaign.cycles)
 
 
 def next_cycle(out: Path) -> int:
@@ -124,7 +130,7 @@ def why_stop(rules: StopRules, out: Path, cycle: int) -> str:
             value = values.get(cycle)
             low, high = wear.lower, wear.upper
             if value is not None and ((low is not None and value < low) or (high is not None and value > high)):
-                return f"{dut} {_name(wear.metric, scope)} is {value:.4g} {wear.unit}: {wear.reason}"
+                return f"{dut} {_name(wear.metric, scope)} is {value:.4g}{_unit(wear)}: {wear.reason}"
     for drift in rules.drift:
         for (dut, scope), values in _series(records, drift).items():
             last = sorted(values)[-drift.over_cycles :]
@@ -133,7 +139,7 @@ def why_stop(rules: StopRules, out: Path, cycle: int) -> str:
             slope = float(np.polyfit(last, [values[count] for count in last], 1)[0])
             if abs(slope) > drift.per_cycle:
                 place = _name(drift.metric, scope)
-                return f"{dut} {place} drifts by {slope:.3g} {drift.unit} per cycle: {drift.reason}"
+                return f"{dut} {place} drifts by {slope:.3g}{_unit(drift)} per cycle: {drift.reason}"
     return ""
 
 
@@ -161,3 +167,7 @@ def _series(records: Iterable[SessionRecord], watched: Watched) -> Series:
 
 def _name(metric: str, scope: str) -> str:
     return f"{metric}[{scope}]" if scope else metric
+
+
+def _unit(watched: Watched) -> str:
+    return "" if watched.unit in {"", "1"} else f" {watched.unit}"

@@ -16,6 +16,7 @@ from arl_fixtures.journal.record import AttemptRecord
 from arl_fixtures.metrics.verdict import Verdict, worst
 from arl_fixtures.plugin import allure_output, journaling
 from arl_fixtures.plugin.attempts import Attempts, SessionOverError
+from arl_fixtures.plugin.campaign import why_stop
 from arl_fixtures.plugin.outcome import Row, StepInvalidError, rows_of, rows_of_record
 from arl_fixtures.plugin.progress import Progress, Screen
 from arl_fixtures.plugin.references import References, from_bag, reference_step
@@ -70,6 +71,7 @@ class CycleSession:
             references=self._references.known,
         )
         self.verdicts: dict[str, Verdict] = {}
+        self._reasons: dict[str, str] = {}
         self.journal: Journal | None = None
         self._attempts: Attempts | None = None
 
@@ -99,6 +101,15 @@ class CycleSession:
         Raises:
             StepInvalidError: it could not be measured.
         """
+        try:
+            return self._measure(step, item)
+        except StepInvalidError as invalid:
+            self._reasons.setdefault(step.id, str(invalid))
+            raise
+        finally:
+            self._end_cycle(step, item)
+
+    def _measure(self, step: CycleStep, item: pytest.Item) -> StepOutcome:
         finished = self.past.finished(step.id)
         if finished is not None:
             return self._told(step, finished)
@@ -123,12 +134,29 @@ class CycleSession:
             self.journal.close()
             self.journal = None
 
+    def _end_cycle(self, step: CycleStep, item: pytest.Item) -> None:
+        """After a cycle's last step: journal its verdict and what decided it; see whether the campaign goes on."""
+        steps = [each for each in self._plan if each.cycle == step.cycle]
+        if self.journal is None or not steps or step != steps[-1] or step.id not in self.verdicts:
+            return
+        told = {each.id: self.verdicts.get(each.id, Verdict.NOT_RUN) for each in steps}
+        verdict = worst(told.values())
+        decisive = next(step_id for step_id, each in told.items() if each is verdict)
+        reason = self._reasons.get(decisive, "")
+        decided_by = "" if verdict is Verdict.PASS else f"{decisive}: {reason}".rstrip(": ")
+        self.journal.append(journaling.cycle_end(step.cycle, verdict, decided_by))
+        why = why_stop(self.files.stop, self.files.options.out, step.cycle)
+        if why:
+            self.journal.append(journaling.note(f"campaign ended after cycle {step.cycle}: {why}"))
+            item.session.shouldstop = f"campaign ended after cycle {step.cycle}: {why}"
+
     def _invalid(self, step: CycleStep) -> None:
         self.verdicts[step.id] = Verdict.INVALID
         self.progress.end(Verdict.INVALID.value)
 
     def _done(self, result: StepResult, item: pytest.Item) -> StepOutcome:
         self.verdicts[result.step.id] = result.verdict
+        self._reasons[result.step.id] = result.reason
         self.progress.end(result.verdict.value)
         rows = rows_of(result.judgements)
         item.user_properties += properties(result, rows)
@@ -142,7 +170,7 @@ class CycleSession:
         self.verdicts[step.id] = verdict
         self.progress.begin(step)
         self.progress.end(f"{verdict.value} (journal)")
-        reason = attempt.end.reason if attempt.end else ""
+        reason = self._reasons[step.id] = attempt.end.reason if attempt.end else ""
         rows = rows_of_record(attempt)
         if not rows and verdict in {Verdict.INVALID, Verdict.NOT_RUN}:
             raise StepInvalidError(f"{verdict.value} (from the journal): {reason}")

@@ -141,6 +141,11 @@ def safe_stop(error: InterlockError) -> entries.SafeStop:
     return entries.SafeStop(cause=str(error))
 
 
+def cycle_end(cycle: int, verdict: Verdict, decided_by: str) -> entries.CycleEnd:
+    """All steps of a cycle are done."""
+    return entries.CycleEnd(cycle=cycle, verdict=verdict.value, decided_by=decided_by)
+
+
 def session_end(reason: str, verdict: Verdict) -> entries.SessionEnd:
     """The session ended by itself."""
     return entries.SessionEnd(reason=reason, verdict=verdict.value)

@@ -20,6 +20,7 @@ class Options:
     first_cycle: int | None
     resume: bool
     lab: Path | None = None
+    campaign: Path | None = None
 
 
 def add_options(parser: pytest.Parser) -> None:
@@ -30,6 +31,7 @@ def add_options(parser: pytest.Parser) -> None:
     group.addoption("--limits", metavar="FILE", help="limits file")
     group.addoption("--out", metavar="FOLDER", help="where bags, journal and reports go")
     group.addoption("--cycles", type=int, metavar="N", help="number of cycles to run (default 1)")
+    group.addoption("--campaign", metavar="FILE", help="campaign file: cycles, and what ends them early")
     group.addoption("--first-cycle", type=int, metavar="N", help="cycle count of the first cycle (default: next)")
     group.addoption("--resume", action="store_true", help="go on where the newest journal in the output folder ended")
     group.addoption("--lab", metavar="SOCKET", help="socket of the lab that holds the emulated hardware")
@@ -49,6 +51,10 @@ def read_options(config: pytest.Config) -> Options:
     def text(name: str) -> str:
         return str(config.getoption(f"--{name}") or config.getini(f"arl_{name}"))
 
+    def path(name: str) -> Path | None:
+        given = config.getoption(f"--{name}")
+        return config.rootpath / given if given else None
+
     def count(name: str, least: int) -> int | None:
         value = config.getoption(name)
         if value is not None and value < least:
@@ -63,7 +69,8 @@ def read_options(config: pytest.Config) -> Options:
         cycles=count("--cycles", 1) or 1,
         first_cycle=count("--first-cycle", 0),
         resume=bool(config.getoption("--resume")),
-        lab=config.rootpath / lab if (lab := config.getoption("--lab")) else None,
+        lab=path("lab"),
+        campaign=path("campaign"),
     )
 
 

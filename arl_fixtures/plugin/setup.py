@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import pytest
@@ -13,7 +13,9 @@ from arl_fixtures.bench.config import BenchConfig, load_bench
 from arl_fixtures.bench.profile import Profile, load_profile, profile_path
 from arl_fixtures.metrics.limits import LimitSet, check_metrics, load_limits
 from arl_fixtures.metrics.registry import metric_names
+from arl_fixtures.plugin.campaign import CampaignFile, StopRules
 from arl_fixtures.plugin.options import Options
+from arl_fixtures.yaml_model import load_model
 
 WALL_MARGIN: Final = 1.5
 WALL_ALLOWANCE_S: Final = 120.0
@@ -28,6 +30,7 @@ class SessionFiles:
         bench, profile, limits: the files' content.
         hashes: SHA-256 of `bench`, `profile`, `limits`.
         allure_folder: where Allure results go; empty when they are not collected.
+        stop: what ends the campaign early.
     """
 
     options: Options
@@ -36,6 +39,7 @@ class SessionFiles:
     limits: LimitSet
     hashes: Mapping[str, str]
     allure_folder: str = ""
+    stop: StopRules = field(default_factory=StopRules)
 
 
 SESSION_KEY: Final = pytest.StashKey[SessionFiles]()
@@ -54,6 +58,7 @@ def check_files(options: Options, allure_folder: str = "") -> SessionFiles:
     return SessionFiles(
         options=options,
         allure_folder=allure_folder,
+        stop=load_model(options.campaign, CampaignFile).stop if options.campaign is not None else StopRules(),
         bench=bench,
         profile=profile,
         limits=limits,

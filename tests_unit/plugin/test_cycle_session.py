@@ -23,6 +23,19 @@ def test_a_cycle_leaves_journal_bags_and_junit_and_the_next_one_counts_on(sessio
     assert session.of_type("session_begin", 2)[0]["cycles"] == [1]
 
 
+def test_a_campaign_ends_by_its_own_rule_and_counts_its_cycles(session):
+    rule = '{metric: dead_pixels, unit: "1", upper: 1, reason: more than one dead pixel}'
+    session.write("campaign.yaml", f"cycles: 5\nstop:\n  wear_out:\n    - {rule}\n")
+    done = session.run("--campaign=campaign.yaml", "-k", "00-up")
+    assert "campaign ended after cycle 0: ARL-EMU-0001 dead_pixels is " in done.stdout
+    (end,) = session.of_type("cycle_end")
+    assert end["cycle"] == 0
+    session.write("campaign.yaml", "cycles: 1\n")
+    done = session.run("--campaign=campaign.yaml")
+    assert done.returncode == 4
+    assert "all 1 cycles of the campaign are done" in done.stderr
+
+
 def test_same_seed_same_bytes(session):
     session.run("--out=a", check=0)
     session.run("--out=b", check=0)
