@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol, final
@@ -21,6 +22,8 @@ SAFE_ATTEMPTS: Final = 3
 CONTROL_CHECK_S: Final = 30.0
 """How often the chiller is asked, while the housings settle, whether it still controls."""
 SILENCE_CHECK_S: Final = 0.3
+DARK_AFTER_S: Final = 0.1
+"""A DUT that sends later than this after its supply was switched off has still power."""
 
 
 class Duts(Protocol):
@@ -235,11 +238,25 @@ class Bench:
                 raise InterlockError(f"chiller took {taken_c:g} °C instead of {safe_c:g} °C")
 
         actions = (
-            ("power off", self.relays.all_off),
+            ("power off", self._power_off),
             (f"set-point to {safe_c:g} °C", coolant_commanded),
             ("stage stop", self.stage.stop),
         )
         return [fault for name, action in actions if (fault := _attempt(name, action))]
+
+    def _power_off(self) -> None:
+        """Switch all loads off, and listen: a welded contact does not show in the read-back, but its DUT goes on."""
+        self.relays.all_off()
+        off_s = self.clock.now_s
+        switched = set(self.relays.loads())
+        last_s = {serial: dut.last_packet_s for serial, dut in self.duts.listen(SILENCE_CHECK_S).items()}
+        alive = [
+            serial
+            for number, serial in enumerate(self.serials, start=1)
+            if f"dut_{number}" in switched and last_s.get(serial, -math.inf) > off_s + DARK_AFTER_S
+        ]
+        if alive:
+            raise InterlockError(f"{', '.join(alive)} still sends; its relay may be welded")
 
     def close(self) -> list[str]:
         """Make safe and release every line. Closing twice is no error."""

@@ -21,7 +21,10 @@ class ControlSettings(FileModel):
     proportional: float = Field(default=0.7, ge=0, description="kelvin of set-point per kelvin of error")
     integral_time_s: float = Field(default=100.0, gt=0)
     setpoint_minimum_c: float = -25.0
-    setpoint_maximum_c: float = 100.0
+    setpoint_maximum_c: float = Field(
+        default=95.0,
+        description="no higher than the housings' ceiling: a thermometer that lies must not lead beyond it",
+    )
     setpoint_ramp_k_per_min: float = Field(default=6.0, gt=0)
     integral_band_k: float = Field(default=1.0, gt=0, description="the integrator rests while the error is larger")
     period_s: float = Field(default=5.0, gt=0, description="time between two turns of the loop")
