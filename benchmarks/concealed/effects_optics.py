@@ -4,10 +4,9 @@ import numpy as np
 
 from benchmarks.concealed.designs import dense_rows, fine_sweep, full_frame, smooth, sparse
 from benchmarks.concealed.effect import DISTANCE, FIELD, HISTORY, HOT, INTENSITY, Effect, Parameter, sign, wide
-from benchmarks.concealed.flash import Light, Reality, illuminate
+from benchmarks.concealed.flash import Light, Reality, frame_load, illuminate
 from benchmarks.concealed.recipe import Recipe
 from benchmarks.concealed.rows import Design, Rows
-from benchmarks.concealed.scene import block_centres
 
 
 def _vignetting(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
@@ -141,23 +140,11 @@ def _contamination(rng: np.random.Generator, rows: Rows, design: Design) -> Effe
 
 
 def _glare(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
-    u, v = block_centres()
-    keys, first, back = np.unique(rows.dut * 1000.0 + rows.angle_deg, return_index=True, return_inverse=True)
-    frames = []
-    for k in first:
-        scene = rows.take(np.full(u.size, k))
-        frames.append(illuminate(scene, Reality(), u=u, v=v).counts.mean())
-    load = np.array(frames)[back]
-    table = dict(zip(keys, np.array(frames), strict=True))
+    load = frame_load(rows)
 
     def apply(reality: Reality, amount: float) -> None:
-        def spread(rows: Rows, amplitude: np.ndarray) -> np.ndarray:
-            key = rows.dut * 1000.0 + rows.angle_deg
-            return (
-                amount * (load if key.size == load.size else np.array([table[k] for k in key])) - amount * amplitude
-            )
-
-        reality.stray.append(spread)
+        # what the frame gains over its whole, every pixel loses of its own
+        reality.stray.append(lambda rows, amplitude: amount * (load - amplitude))
 
     return Effect(
         effect="optics.veiling_glare",

@@ -4,10 +4,10 @@ import numpy as np
 
 from benchmarks.concealed.designs import ageing, dense_rows, sparse
 from benchmarks.concealed.effect import DIE, DISTANCE, FIELD, HISTORY, HOT, INTENSITY, Effect, sign, wide
-from benchmarks.concealed.flash import Light, Reality, illuminate
+from benchmarks.concealed.flash import Light, Reality, frame_load, illuminate
 from benchmarks.concealed.recipe import Recipe
 from benchmarks.concealed.rows import Design, Rows
-from benchmarks.concealed.scene import HEIGHT_PX, block_centres
+from benchmarks.concealed.scene import HEIGHT_PX
 
 
 def _unknown(nature: str, **given: object) -> Effect:
@@ -58,10 +58,8 @@ def _polarisation(rng: np.random.Generator, rows: Rows, design: Design) -> Effec
 
 
 def _load_droop(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
-    u, v = block_centres()
-    _, first, back = np.unique(rows.angle_deg, return_index=True, return_inverse=True)
-    load = np.array([illuminate(rows.take(np.full(u.size, k)), Reality(), u=u, v=v).counts.mean() for k in first])
-    load = (load / load.mean())[back]
+    load = frame_load(rows)
+    load = load / load.mean()
 
     def apply(reality: Reality, amount: float) -> None:
         reality.electronics.append(lambda rows, i: i * (1.0 - amount * (load**1.5 - 1.0)))

@@ -15,6 +15,7 @@ from benchmarks.concealed.scene import (
     ARC_M,
     DUT_HEIGHT_M,
     Hits,
+    block_centres,
     field_angles_deg,
     pixel_rays,
     to_chamber,
@@ -173,6 +174,14 @@ def expect(rows: Rows, reality: Reality, light: Light | None = None) -> Expected
         valid = np.where(dead(rows), 0.0, valid)
     answer = Expected({"intensity_counts": intensity, "distance_m": distance}, std, valid)
     return _over_frames(rows, reality, answer) if reality.frames else answer
+
+
+def frame_load(rows: Rows) -> np.ndarray:
+    """Mean counts of the whole nominal frame that each row's pixel is read with, from a coarse grid of pixels."""
+    u, v = block_centres()
+    _, first, back = np.unique(rows.dut * 1000.0 + rows.angle_deg, return_index=True, return_inverse=True)
+    frames = [illuminate(rows.take(np.full(u.size, k)), Reality(), u=u, v=v).counts.mean() for k in first]
+    return np.array(frames)[back]
 
 
 def _over_frames(rows: Rows, reality: Reality, here: Expected) -> Expected:
