@@ -1,8 +1,7 @@
 """`diagnosis.html`: the diagnosis for a person, in one file that needs nothing else.
 
 Whatever comes from the table (column names, serial numbers, categories) is text from outside: the template escapes
-all of it, and the pictures are made of escaped text only. Pictures show the rows that the search looked at, "after"
-with parameters that were fitted on the other blocks.
+all of it, and the pictures are made of escaped text only. See `page_rows` for the rows that the pictures show.
 """
 
 from __future__ import annotations
@@ -24,6 +23,7 @@ from arl_fixtures.reconcile.grouping import Groups
 from arl_fixtures.reconcile.page_data import Mismatch
 from arl_fixtures.reconcile.page_figures import bars
 from arl_fixtures.reconcile.page_pictures import Gallery
+from arl_fixtures.reconcile.page_rows import shown_rows
 from arl_fixtures.reconcile.problem import FOLDS, ChannelData
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.terms import forward
@@ -60,12 +60,12 @@ def page_of(diagnosis: Diagnosis, decision: Decision) -> str:
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     maker = _Maker(diagnosis, decision)
-    gallery = Gallery(diagnosis.findings, decision.found)
+    gallery = Gallery(diagnosis.findings, decision.found, maker.shown.problem.view)
     return environment.get_template("diagnosis.html.j2").render(
         d=diagnosis, words=words, headline=words.headline(diagnosis), chance=words.chance(diagnosis),
         matters=maker.matters(), constants=maker.constants(), facts=maker.facts(),
         findings=[maker.finding(f) for f in diagnosis.findings],
-        places=[gallery.place(m) for m in maker.mismatches], unseen=maker.unseen(),
+        places=[gallery.place(m) for m in maker.pictured], fresh=maker.shown.fresh, unseen=maker.unseen(),
     )  # fmt: skip
 
 
@@ -75,11 +75,18 @@ class _Maker:
     def __init__(self, diagnosis: Diagnosis, decision: Decision) -> None:
         self.diagnosis, self.decision = diagnosis, decision
         self.view: View = decision.problem.view
+        self.shown = shown_rows(decision)
         self.before: State = self.view.fresh_state()
-        self.after: State = decision.cross_fitted()
+        self.after: State = decision.cross_fitted() if self.shown.fresh else self.shown.after
         self.mismatches = [
             Mismatch(d, self.before, self.after, keep_constant=self._is_off(d)) for d in decision.problem.data
         ]  # fmt: skip
+        self.pictured = self.mismatches
+        if self.shown.fresh:
+            self.pictured = [
+                Mismatch(d, self.shown.before, self.shown.after, keep_constant=self._is_off(d))
+                for d in self.shown.problem.data
+            ]  # fmt: skip
 
     def _is_off(self, d: ChannelData) -> bool:
         """Whether a constant is the finding on a channel."""
@@ -98,7 +105,9 @@ class _Maker:
                 size = _size_text(d, m.change(self.before, self.after)).replace(
                     "it touches", "that the findings touch"
                 )
-                text = words.matters(fit, min(d.spread**2, fit.after))
+                text = words.matters(
+                    fit, min(d.spread**2, fit.after), constants=d.channel.name in self.diagnosis.constants
+                )
                 made.append((d.channel.name, f"{size[:1].upper()}{size[1:]} {text}".strip()))
         return made
 
@@ -115,7 +124,8 @@ class _Maker:
         columns, problem = self.decision.problem.columns, self.decision.problem
         rows = f"{self.diagnosis.rows}"
         if self.view.n < self.diagnosis.rows:
-            rows += f" ({self.view.n} of them were searched and are shown, evenly drawn)"
+            rows += f" ({self.view.n} of them were searched, evenly drawn"
+            rows += f"; the pictures show {self.shown.problem.view.n} others)" if self.shown.fresh else ")"
         made = [("Rows", rows)]
         for d in problem.data:
             noise = "" if d.stated_known else "; the simulation states no noise, it was estimated"

@@ -20,7 +20,7 @@ from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.page_data import NULL_Z, Axis, Profile
 
 WIDTH = 360.0
-LEFT, RIGHT, TOP, BOTTOM = 46.0, 8.0, 8.0, 34.0
+LEFT, RIGHT, TOP, BOTTOM = 46.0, 16.0, 8.0, 34.0
 HEIGHT = 210.0
 BEFORE, AFTER, BAND = "#d55e00", "#0072b2", "#d9d9d9"
 """Okabe-Ito vermillion and blue: told apart with any colour vision, and by dashes and marks in black and white."""
@@ -234,29 +234,26 @@ class Field:
 def heat_map(shown: Field, limit: float) -> Markup:
     """A field in colour: white within the null band, blue where the measurement is lower, red where it is higher."""
     rows, columns = shown.z.shape
-    wide = WIDTH - LEFT - RIGHT
+    left = LEFT if not shown.at_down else float(np.clip(6.0 * max(map(len, shown.at_down)) + 10.0, LEFT, 110.0))
+    wide = WIDTH - left - RIGHT
     aspect = 0.62 if shown.at_across else (shown.bottom - shown.top) / (shown.right - shown.left)
     high = float(np.clip(wide * aspect, 60.0, 300.0))
-    height = TOP + high + BOTTOM
-    body = [_points(shown, limit, wide, high)] if len(shown.u) else [_image(shown.z, limit, LEFT, TOP, wide, high)]
-    body.append(_box(LEFT, TOP, wide, high, "edge"))
+    height = TOP + high + BOTTOM + 13.0
+    body = [_points(shown, limit, wide, high)] if len(shown.u) else [_image(shown.z, limit, left, TOP, wide, high)]
+    body.append(_box(left, TOP, wide, high, "edge"))
+    across: list[tuple[float, str]] = []
+    down: list[tuple[float, str]] = []
     if shown.at_across:
-        for place in _some(len(shown.at_across), 6):
-            middle = LEFT + wide * (place + 0.5) / columns
-            body.append(_text(middle, TOP + high + 14, shown.at_across[place], most=9))
-        for place in _some(len(shown.at_down), 7):
-            body.append(
-                _text(LEFT - 4, TOP + high * (place + 0.5) / rows + 3.5, shown.at_down[place], anchor="end", most=7)
-            )
+        across = [(left + wide * (k + 0.5) / columns, shown.at_across[k]) for k in _some(len(shown.at_across), 6)]
+        down = [(TOP + high * (k + 0.5) / rows, shown.at_down[k]) for k in _some(len(shown.at_down), 7)]
     else:
-        x = Scale(shown.left, shown.right, LEFT, WIDTH - RIGHT)
-        y = Scale(shown.top, shown.bottom, TOP, TOP + high)
-        body += [_text(x(t), TOP + high + 14, number(t)) for t in ticks(shown.left, shown.right)]
-        body += [
-            _text(LEFT - 4, y(t) + 3.5, number(t), anchor="end")
-            for t in ticks(shown.top, shown.bottom, most=4 if high < 120 else 6)
-        ]
-    body.append(_text(LEFT + wide / 2, height - 5, f"across: {shown.across}, down: {shown.down}", most=58))
+        x, y = Scale(shown.left, shown.right, left, left + wide), Scale(shown.top, shown.bottom, TOP, TOP + high)
+        across = [(x(t), number(t)) for t in ticks(shown.left, shown.right)]
+        down = [(y(t), number(t)) for t in ticks(shown.top, shown.bottom, most=4 if high < 120 else 6)]
+    body += [_text(place, TOP + high + 14, text, most=9) for place, text in across]
+    body += [_text(left - 4, place + 3.5, text, anchor="end", most=17) for place, text in down]
+    body.append(_text(WIDTH / 2, height - 18, f"across: {shown.across}", most=58))
+    body.append(_text(WIDTH / 2, height - 5, f"down: {shown.down}", most=58))
     return _frame(f"map over {shown.across} and {shown.down}", body, height=height)
 
 

@@ -43,11 +43,11 @@ class Gallery:
     Args:
         findings: of all channels.
         found: the search, for the columns that its first look used.
+        view: rows to show.
     """
 
-    def __init__(self, findings: Sequence[Finding], found: Found) -> None:
-        self.findings, self.found = findings, found
-        self.view: View = found.problem.view
+    def __init__(self, findings: Sequence[Finding], found: Found, view: View) -> None:
+        self.findings, self.found, self.view = findings, found, view
 
     def place(self, m: Mismatch) -> dict[str, object]:
         """Maps and curves of one channel."""
@@ -64,7 +64,7 @@ class Gallery:
             drawn = [
                 Picture(
                     title=title, note=note,
-                    figures=(heat_map(before, limit),) + ((heat_map(after, limit),) if concerned else ()),
+                    figures=(heat_map(before, limit), *([heat_map(after, limit)] if _differ(before, after) else [])),
                 )
                 for title, note, before, after in maps
             ]  # fmt: skip
@@ -165,6 +165,10 @@ class Gallery:
             for name in self.found.problem.groups.unit_columns:
                 found.pop(name, None)
         return list(found.items())
+
+
+def _differ(before: Field, after: Field) -> bool:
+    return not np.array_equal(before.z, after.z, equal_nan=True)
 
 
 def _cell_names(axis: Axis) -> tuple[str, ...]:

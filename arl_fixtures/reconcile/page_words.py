@@ -143,17 +143,21 @@ def constant(value: float, channel: Channel) -> str:
     return f"offset {plain(factor * value)} {unit}".rstrip()
 
 
-def matters(fit: ChannelFit, floor: float) -> str:
+def matters(fit: ChannelFit, floor: float, *, constants: bool) -> str:
     """How much of a channel's mismatch the findings take away, on rows that took no part."""
+    noise = "1 is what the simulation's own noise gives"
+    if not fit.after < 0.995 * fit.before:
+        return f"The mean square mismatch stays at {plain(fit.before)} ({noise})."
+    both = "the findings and the constants listed below" if constants else "the findings"
     text = (
-        f"On rows that took no part in fitting the mean square mismatch falls from {plain(fit.before)} to "
-        f"{plain(fit.after)} (1 is what the simulation's own noise gives)"
+        f"On rows that took no part in fitting, {both} bring the mean square mismatch from {plain(fit.before)} "
+        f"down to {plain(fit.after)} ({noise})"
     )
     if fit.unexplained > MUCH_LEFT:
-        text += f", and {share(fit.unexplained)} of what the table's columns could predict stays unexplained"
+        text += f", but {share(fit.unexplained)} of what the table's columns could predict stays unexplained"
     elif fit.before > floor * 1.001:
         removed = min(max((fit.before - fit.after) / (fit.before - floor), 0.0), 1.0)
-        text += f": {share(removed)} of what exceeds the noise is explained"
+        text += f": {share(removed)} of what exceeds the noise"
     return text + "."
 
 
@@ -166,7 +170,9 @@ def left_over(name: str, fit: ChannelFit) -> str:
 
 def size_sentence(typical: float, most: float, noise: float, unit: str, relative: float | None) -> str:
     """How large an effect is beyond calibration, against the noise of one row."""
-    note = f" ({share(relative)} of the simulated value)" if relative is not None and math.isfinite(relative) else ""
+    note = ""
+    if relative is not None and math.isfinite(relative):
+        note = f" ({plain(100.0 * relative, 2)} % of the simulated value)"
     tail = f" {unit}" if unit else ""
     return (
         f"half of the rows it touches move by more than {plain(typical, 2)}{tail}{note}, one in twenty by more than "
@@ -180,5 +186,5 @@ def bounds_text(bounds: Sequence[str] | Sequence[float], unit: str) -> str:
     unit = unit_text(unit)
     tail = f" {unit}" if unit else ""
     if len(texts) == 2 and not isinstance(bounds[0], str):
-        return f"{texts[0]} to {texts[1]}{tail}"
+        return f"{texts[0]} to {texts[1]}{tail}" if texts[0] != texts[1] else f"{texts[0]}{tail}"
     return ", ".join(texts) + tail
