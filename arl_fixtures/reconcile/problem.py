@@ -240,6 +240,27 @@ class Problem:
         return total
 
 
+def carry_gains(problem: Problem, state: State) -> None:
+    """Let a unit's gain move the scatters with its signal, as the simulation's own noise grows with the signal.
+
+    Without this a calibration that a gain belongs to would pass for excess noise.
+    """
+    for d in problem.data:
+        parent = next((p for p in problem.data if p.calibrated and p.channel.role is Role.INTENSITY), None)
+        if d.channel.role is not Role.SCATTER or parent is None:
+            continue
+        gains = parent.constants_of(parent.whitener(parent.residual(state)))
+        by_row = np.zeros(problem.view.n)
+        by_row[parent.use] = gains[parent.unit]
+        signal = np.log(np.maximum(problem.view.sim[parent.channel.name][d.use], 1e-12))
+        scatter = np.log(np.maximum(problem.view.sim[d.channel.name][d.use], 1e-12))
+        good = np.isfinite(signal) & np.isfinite(scatter)
+        spread = float(np.var(signal[good])) if good.any() else 0.0
+        slope = float(np.cov(signal[good], scatter[good])[0, 1]) / spread if spread > 1e-6 else 0.0
+        frames = np.maximum(np.nan_to_num(problem.view.frames()[d.use], nan=1.0), 1.0)
+        d.expect = shortfall(frames) * np.maximum(1.0 + by_row[d.use], 0.1) ** slope
+
+
 def stated_error(view: View, channel: Channel) -> tuple[FloatArray, bool]:
     """Standard error of each row's mean by the simulation's own noise model, and whether it states one.
 

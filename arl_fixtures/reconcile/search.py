@@ -18,7 +18,7 @@ from arl_fixtures.reconcile.effect import Effect
 from arl_fixtures.reconcile.fit import Fit, finish, fit
 from arl_fixtures.reconcile.grouping import Groups, find_groups
 from arl_fixtures.reconcile.pilot import Looker, Structure
-from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.problem import Problem, carry_gains
 from arl_fixtures.reconcile.screen import Candidate, Screening, all_variants, screen
 from arl_fixtures.reconcile.terms import Term, forward
 
@@ -162,6 +162,22 @@ class Search:
             part.rebuild(whole.tau)
         return small
 
+    def _prune(self, best: Fit, threshold: float) -> Fit:
+        """Drop, weakest first, every effect that in the final fit no longer gains what a name must gain."""
+        while best.terms:
+            gains = []
+            for index in range(len(best.terms)):
+                rest = tuple(t for k, t in enumerate(best.terms) if k != index)
+                without = finish(self.full, fit(self.full, rest, rounds=3))
+                price = PRICE * (len(best.keys) - len(without.keys))
+                gains.append((best.log_likelihood - without.log_likelihood - price, index, without))
+            weakest = min(gains, key=lambda item: item[0])
+            if weakest[0] >= threshold:
+                break
+            best = weakest[2]
+            self._weigh(best)
+        return best
+
     def _weigh(self, best: Fit) -> None:
         """Note how much each accepted effect gains beside the others."""
         self.gains = {}
@@ -175,12 +191,14 @@ class Search:
         for d in self.full.data:
             if best.state[d.channel.name] is not untouched[d.channel.name]:
                 self.looker.calibrate(d, best.state)
+        carry_gains(self.full, best.state)
         if self.small is not self.full:
             for part in self.small.data:
                 whole = next(d for d in self.full.data if d.channel.name == part.channel.name)
                 place = np.searchsorted(self.full.view.rows[whole.use], self.small.view.rows[part.use])
                 part.trust, part.spread = whole.trust[place], whole.spread
                 part.rebuild(whole.tau)
+            carry_gains(self.small, forward(best.terms, self.small.view))
 
     def run(self) -> Found:
         """All rounds."""
@@ -201,6 +219,8 @@ class Search:
             best = fit(self.full, best.terms, rounds=4)
             self._look_again(best)
             best = finish(self.full, fit(self.full, best.terms, rounds=4))
+        if stages:
+            best = self._prune(best, chance.threshold(LEVEL_NAME) if chance is not None else 0.0)
         self.progress("what is left", 0.8)
         found = Found(
             problem=self.full, looker=self.looker, null=null, best=best, stages=stages, before=self.before,
@@ -219,10 +239,20 @@ class Search:
         sure = [r for r in ranked if min(r.gain, r.robust) > threshold and not self._is_misfit(base, r)]
         close = [r for r in sure if r.gain > sure[0].gain - TWIN_GAIN]
         chosen = min(close, key=lambda r: (r.candidate.free, -r.gain), default=None)
+        if chosen is not None:  # of drivers that tell the same the physically nearest, which comes first
+            same = [r for r in close if r.candidate.term.effect is chosen.candidate.term.effect]
+            same = [r for r in same if r.candidate.free == chosen.candidate.free]
+            chosen = min(same, key=lambda r: (bool(r.candidate.term.unit), self._rank_of(r.candidate.term)))
         if chosen is not None and ranked[0] is not chosen and ranked[0].gain > 3.0 * max(chosen.gain, 1.0):
             chosen = None
         p_value = chance.p_value(min(ranked[0].gain, ranked[0].robust)) if ranked else 1.0
         return Stage(base=base, threshold=threshold, alarm=alarm, p_value=p_value, ranked=ranked, chosen=chosen)
+
+    def _rank_of(self, term: Term) -> int:
+        """Place of a term's variant among all: effects list their drivers in physical order."""
+        return next(
+            (k for k, (_, v) in enumerate(self.variants) if v.label == term.variant.label), len(self.variants)
+        )
 
     def _is_misfit(self, base: Fit, ranked: Ranked) -> bool:
         """Whether a further effect only mends the shape of one that is already there.
