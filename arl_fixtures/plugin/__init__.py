@@ -10,13 +10,18 @@ import sys
 from collections.abc import Generator
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from arl_fixtures.errors import ArlError
 from arl_fixtures.plugin import fixtures
 from arl_fixtures.plugin.options import add_options, allure_folder, read_options
+
+if TYPE_CHECKING:
+    from arl_fixtures.bench.profile import CycleStep
+
+STEPS_KEY: pytest.StashKey[list[CycleStep]] = pytest.StashKey()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -38,22 +43,29 @@ def _end_like_ctrl_c(number: int, _frame: FrameType | None) -> None:
     raise KeyboardInterrupt(f"signal {signal.Signals(number).name}")
 
 
-def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """One test per temperature step, for every test that asks for `cycle_step`."""
-    if "cycle_step" not in metafunc.fixturenames:
+def pytest_collection(session: pytest.Session) -> None:
+    """Check profile and cycle counts before anything is collected: here a complaint is one line."""
+    if not _runs_cycles(session.config):
         return
     from arl_fixtures.bench.profile import load_profile
     from arl_fixtures.plugin.campaign import session_cycles
 
-    options = read_options(metafunc.config)
+    options = read_options(session.config)
     try:
         profile = load_profile(options.profile)
-        # collected but not selected, the steps must not depend on what lies in the output folder
-        cycles = session_cycles(options) if _runs_cycles(metafunc.config) else (0,)
+        session.config.stash[STEPS_KEY] = [
+            step for cycle in session_cycles(options) for step in profile.steps(cycle)
+        ]
     except ArlError as error:
         raise pytest.UsageError(str(error)) from None
-    steps = [step for cycle in cycles for step in profile.steps(cycle)]
-    metafunc.parametrize("cycle_step", steps, ids=[step.id for step in steps], scope="session")
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """One test per temperature step, for every test that asks for `cycle_step`."""
+    if "cycle_step" in metafunc.fixturenames:
+        # collected but not selected there is nothing to parametrise with, whatever the output folder holds
+        steps = metafunc.config.stash.get(STEPS_KEY, [])
+        metafunc.parametrize("cycle_step", steps, ids=[step.id for step in steps], scope="session")
 
 
 def _runs_cycles(config: pytest.Config) -> bool:

@@ -88,6 +88,14 @@ def test_a_wrong_bench_file_is_one_line_with_its_place(session, extra, place, sa
     assert not (session.folder / "out").exists()
 
 
+def test_an_unknown_profile_is_one_line(session):
+    done = session.run("--profile=nosuch")
+    assert done.returncode == 4
+    assert "no profile 'nosuch'; known are full" in done.stderr
+    assert "Traceback" not in done.stdout + done.stderr
+    assert "pluggy" not in done.stdout + done.stderr
+
+
 def test_unknown_driver_and_foreign_unit_are_refused_before_anything_moves(session):
     bench = session.bench("")
     text = (session.folder / "bench.yaml").read_text().replace("huber_pb", "hubber_pb")
