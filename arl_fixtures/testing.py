@@ -18,11 +18,11 @@ import pytest
 from arl_fixtures.bench.bench import Bench
 from arl_fixtures.bench.clock import VirtualClock
 from arl_fixtures.bench.config import load_bench
+from arl_fixtures.bench.twins import Twin, twins_of
 from arl_fixtures.devices.dut_status import DutStatus
 from arl_fixtures.devices.interfaces import ChillerStatus, Identity, Reading
 from arl_fixtures.errors import DeviceError
 from arl_fixtures.metrics.block import AngleBlock
-from arl_fixtures.twin.frame import Renderer
 
 
 class Mock:
@@ -271,7 +271,6 @@ def bench(
 
 
 @pytest.fixture
-def twin(bench: Bench) -> dict[str, Renderer]:
+def twin(bench: Bench) -> dict[str, Twin]:
     """The twin of each DUT, by serial number."""
-    config = bench.config
-    return {dut.serial: Renderer(dut, config.scene) for dut in config.dut_settings}
+    return twins_of(bench.config)

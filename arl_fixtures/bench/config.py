@@ -95,8 +95,8 @@ class EmulationSettings(FileModel):
 class BenchConfig(FileModel):
     """A bench file."""
 
-    name: str = Field(min_length=1, pattern=r"^[A-Za-z0-9_.+-]+$")
-    campaign: str = Field(default="campaign", min_length=1, pattern=r"^[A-Za-z0-9_.+-]+$")
+    name: str = Field(min_length=1, pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$")
+    campaign: str = Field(default="campaign", min_length=1, pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$")
     clock: Literal["virtual", "real"] = "real"
     safe_temperature_c: float = Field(default=23.0, ge=0, le=60)
     home_timeout_s: float = Field(default=120.0, gt=0)
@@ -111,6 +111,7 @@ class BenchConfig(FileModel):
     sweep: SweepSettings = SweepSettings()
     scene: SceneSettings = SceneSettings()
     emulation: EmulationSettings = EmulationSettings()
+    twin_effects: str = Field(default="", description="a model.yaml whose effects the twin shows")
 
     _dut_settings: tuple[DutSettings, ...] = PrivateAttr(default=())
     _device_settings: dict[str, FileModel] = PrivateAttr(default_factory=dict)
@@ -150,6 +151,11 @@ class BenchConfig(FileModel):
     def effects_path(self) -> Path | None:
         """The model whose effects the emulated DUTs show, relative to the bench file; None where there is none."""
         return self._folder / self.emulation.effects if self.emulation.effects else None
+
+    @property
+    def twin_effects_path(self) -> Path | None:
+        """The model whose effects the twin shows, relative to the bench file; None where there is none."""
+        return self._folder / self.twin_effects if self.twin_effects else None
 
     @property
     def sha256(self) -> str:

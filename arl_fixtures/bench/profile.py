@@ -115,7 +115,7 @@ class CycleStep:
 class Profile(FileModel):
     """What one cycle does."""
 
-    name: str = Field(min_length=1, pattern=r"^[A-Za-z0-9_.+-]+$")
+    name: str = Field(min_length=1, pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$")
     load_cycle: LoadCycle
     angles: AngleSweep = AngleSweep()
     frames: int = Field(default=10, ge=1, le=10_000)

@@ -12,15 +12,14 @@ from rich.console import Console
 from rich.progress import Progress
 
 from arl_fixtures.bench.config import BenchConfig, load_bench
+from arl_fixtures.bench.twins import twins_of
 from arl_fixtures.errors import ConfigError, DataError
 from arl_fixtures.metrics.geometry import GeometryCache
-from arl_fixtures.reconcile.twin_model import FoundEffects
 from arl_fixtures.recording.bags import bags_in
 from arl_fixtures.recording.gauge import repeatability
 from arl_fixtures.recording.observe import Selection, SweptBag, observe, sweep_bag
 from arl_fixtures.recording.simulated import Simulation, from_sweep, from_twin
 from arl_fixtures.twin.conditions import Conditions
-from arl_fixtures.twin.frame import Renderer
 
 REGION = re.compile(r"(\d+)-(\d+)(?:/(\d+))?,(\d+)-(\d+)(?:/(\d+))?")
 PATH = click.Path(path_type=Path)
@@ -87,14 +86,8 @@ class Twins:
     """The twin of each DUT of a bench, with effects switched on."""
 
     def __init__(self, config: BenchConfig, model: Path | None) -> None:
-        names = config.scene.surface_names
-        self._models = {
-            dut.serial: (FoundEffects(model, names, dut.noise),) if model is not None else ()
-            for dut in config.dut_settings
-        }
-        self._twins = {
-            dut.serial: (Renderer(dut, config.scene), GeometryCache(dut, config.scene)) for dut in config.dut_settings
-        }
+        self._twins = twins_of(config, model)
+        self._caches = {dut.serial: GeometryCache(dut, config.scene) for dut in config.dut_settings}
         self._index = {dut.serial: number for number, dut in enumerate(config.dut_settings)}
 
     def cache(self, serial: str) -> GeometryCache:
@@ -103,9 +96,9 @@ class Twins:
         Raises:
             DataError: the bench file does not know it.
         """
-        if serial not in self._twins:
+        if serial not in self._caches:
             raise DataError(f"the bags hold DUT {serial}, which the bench file does not describe")
-        return self._twins[serial][1]
+        return self._caches[serial]
 
     def simulate(self, swept: SweptBag) -> Mapping[str, Simulation]:
         """The twin's simulation of a bag."""
@@ -135,7 +128,8 @@ class Twins:
                 )
                 for k, angle in enumerate(angles)
             ]
-            simulated[serial] = from_twin(self._twins[serial][0], cache, angles, conditions, self._models[serial])
+            twin = self._twins[serial]
+            simulated[serial] = from_twin(twin.renderer, cache, angles, conditions, twin.models)
         return simulated
 
 

@@ -13,13 +13,13 @@ import pytest
 if TYPE_CHECKING:
     from arl_fixtures.bench.bench import Bench, Duts
     from arl_fixtures.bench.profile import CycleStep
+    from arl_fixtures.bench.twins import Twin
     from arl_fixtures.devices.interfaces import Chiller, Relays, Stage, Thermometer
     from arl_fixtures.devices.port import Clock
     from arl_fixtures.guard.guarding import Guard
     from arl_fixtures.plugin.cycle import CycleSession, StepOutcome
     from arl_fixtures.plugin.resume import Past
     from arl_fixtures.plugin.setup import SessionFiles
-    from arl_fixtures.twin.frame import Renderer
 
 
 @pytest.fixture(scope="session")
@@ -115,12 +115,11 @@ def duts(bench: Bench) -> Duts:
 
 
 @pytest.fixture(scope="session")
-def twin(bench_files: SessionFiles) -> dict[str, Renderer]:
-    """The nominal simulation of each DUT, by serial number."""
-    from arl_fixtures.twin.frame import Renderer
+def twin(bench_files: SessionFiles) -> dict[str, Twin]:
+    """The simulation of each DUT by serial number: the nominal model, and the effects the bench file switches on."""
+    from arl_fixtures.bench.twins import twins_of
 
-    config = bench_files.bench
-    return {dut.serial: Renderer(dut, config.scene) for dut in config.dut_settings}
+    return twins_of(bench_files.bench)
 
 
 @pytest.fixture(scope="session")
