@@ -58,13 +58,13 @@ class Multipath(Effect):
             drivers = [name for name in ("stage_angle_deg", "azimuth_deg") if view.varies(name)]
             yield self._variant("room", (share,), everything, (*drivers, f"sim_{far[0]}"))
         if channel and has_frames(view):
-            detour = shape("detour", unit, 0.01 * size, 5.0 * size, 0.4 * size)
+            detour = shape("detour", unit, 0.15 * size, 5.0 * size, 0.4 * size)
             for source in ("image", "near") if view.varies("pixel_u") else ("image",):
                 drivers = [name for name in ("azimuth_deg", "pixel_u") if view.varies(name)]
                 yield self._variant(source, (share, detour), everything, (f"sim_{channel}", *drivers[:1]))
         low, high = view.span(f"sim_{far[0]}")
         if 0.0 < low < 0.8 * high:
-            height = shape("height", unit, 0.02 * size, 5.0 * size, 0.2 * size, 0.8 * size)
+            height = shape("height", unit, 0.02 * high, 0.35 * high, 0.05 * high, 0.15 * high)
             driver = "true_range_m" if view.varies("true_range_m") else f"sim_{far[0]}"
             yield self._variant("side", (share, height), far, (driver,))
 

@@ -31,9 +31,11 @@ _ANGLES = (("az", "azimuth_deg"), ("el", "elevation_deg"))
 
 
 class ProfileChange(LightFactor):
-    """A stretched beam, I *= B(az/(1+w_az), el/(1+w_el)) / B(az, el), or one whose edges fall off on their own.
+    """A beam that is stretched, falls off at its edges, or is worn in its middle.
 
-    A stretched beam keeps its energy: its middle gets weaker as it gets wider.
+    * width: I *= B(az/(1+w_az), el/(1+w_el)) / B(az, el); a change of the power as a whole is the laser's.
+    * edge: I *= exp(−edge_az·|az/edge|^order − edge_el·|el/edge|^order).
+    * centre: I *= 1 − centre·exp(−(r/radius)²), r the distance from the axis over the half field of view.
     """
 
     id = "beam.profile_change"
@@ -49,14 +51,16 @@ class ProfileChange(LightFactor):
                 continue
             rays = tuple(column for _, column in _ANGLES if view.varies(column))
             for driver in ("", *temperatures, *age_drivers(view)[:1]):
-                for kind in ("width", "edge"):
+                for kind in ("width", "edge", "centre"):
                     parameters = [
-                        amplitude(f"{kind}_{axis}", "1", -0.5, 2.0, 0.05) if kind == "width"
-                        else amplitude(f"{kind}_{axis}", "1", -1.0, 3.0, 0.05)
-                        for axis, column in _ANGLES if view.varies(column)
-                    ]  # fmt: skip
+                        amplitude(f"{kind}_{axis}", "1", -0.5, 2.0, 0.05)
+                        for axis, column in _ANGLES
+                        if view.varies(column)
+                    ]
                     if kind == "edge":
                         parameters.append(shape("order", "1", 1.5, 8.0, 3.0))
+                    if kind == "centre":
+                        parameters = [amplitude("centre", "1", -2.0, 0.95, 0.05), shape("radius", "1", 0.1, 2.0, 0.5)]
                     yield Variant(
                         effect=self.id,
                         options={"channel": channel, "kind": kind, "driver": driver, **_scale(view, driver)},
@@ -74,6 +78,10 @@ class ProfileChange(LightFactor):
         az, el = azimuth(view), elevation(view)
         driver = str(variant.options["driver"])
         size = _size(view, variant, driver)
+        if variant.options["kind"] == "centre":
+            square = (az / profile.reach_az) ** 2 + (el / profile.reach_el) ** 2
+            worn = float(values["centre"]) * np.exp(-square / float(values["radius"]) ** 2)
+            return np.asarray(np.maximum(1.0 - worn * size, 0.02))
         if variant.options["kind"] == "edge":
             order = float(values["order"])
             loss = float(values.get("edge_az", 0.0)) * np.abs(az / profile.reach_az) ** order
@@ -81,20 +89,18 @@ class ProfileChange(LightFactor):
             return np.asarray(np.exp(np.clip(-loss * size, -4.0, 4.0)))
         wide_az = np.maximum(1.0 + float(values.get("width_az", 0.0)) * size, 0.3)
         wide_el = np.maximum(1.0 + float(values.get("width_el", 0.0)) * size, 0.3)
-        stretched = profile.log(az / wide_az, el / wide_el) - log_profile(view, channel) - np.log(wide_az * wide_el)
+        stretched = profile.log(az / wide_az, el / wide_el) - log_profile(view, channel)
         return np.asarray(np.exp(np.clip(stretched, -4.0, 4.0)))
 
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel, driver = variant.options["channel"], variant.options["driver"]
         grown = f", both grow with {driver} (given for its whole range)" if driver else ""
+        if variant.options["kind"] == "centre":
+            return f"{channel} *= 1 - centre * exp(-((az / edge)^2 + (el / edge)^2) / radius^2){grown}"
         if variant.options["kind"] == "edge":
             return f"{channel} *= exp(-edge_az * |az / edge|^order - edge_el * |el / edge|^order){grown}"
-        return (
-            f"{channel} *= B(azimuth / (1 + width_az), elevation / (1 + width_el)) / ((1 + width_az) (1 + width_el) "
-            "B)"
-            f"{grown}"
-        )
+        return f"{channel} *= B(azimuth / (1 + width_az), elevation / (1 + width_el)) / B(azimuth, elevation){grown}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Change of light over the field."""
@@ -103,7 +109,8 @@ class ProfileChange(LightFactor):
         if driver:
             low, high = view.span(driver)
             when = f" from {low:.4g} to {high:.4g} {unit_of(driver)} of {driver}"
-        what = "width" if variant.options["kind"] == "width" else "fall-off at its edges"
+        kinds = {"width": "width", "edge": "fall-off at its edges", "centre": "middle"}
+        what = kinds[str(variant.options["kind"])]
         return f"The beam's {what} changed{when}: the signal differs {percent(*self.change(variant, values, view))}."
 
     def next_experiment(self, variant: Variant) -> str:

@@ -42,6 +42,8 @@ class PileUp(Effect):
         """One per intensity channel."""
         for channel in signals(view):
             moved = ranged_by(view, channel)[:1]
+            if not moved and unit_of(channel) not in _COUNTED:
+                continue  # a current or a voltage is not counted
             parameters: list[Parameter] = [
                 amplitude("load", "1", 0.0, 50.0, 0.2),
                 shape("paralysis", "1", 0.0, 1.0, 0.0, 0.8),
@@ -107,6 +109,7 @@ class PileUp(Effect):
         )
 
 
+_COUNTED = ("counts", "1/s", "1")
 _LOADS = np.concatenate([[0.0], np.logspace(-4.0, 2.4, 400)])
 
 

@@ -27,7 +27,8 @@ from arl_fixtures.reconcile.view import View
 class ThermalRolloff(LightFactor):
     """Power over temperature, a knee where the cooler gives up, or the whole light-current curve.
 
-    * slope: I *= exp(−slope·(exp(growth·ΔT) − 1) / growth): linear for growth = 0, faster and faster above.
+    * slope: I *= 1 − slope·(exp(growth·ΔT) − 1) / growth: linear for growth = 0, faster and faster above, as the
+      power over a threshold current that grows exponentially with temperature.
     * knee: I *= exp(−slope·max(T − knee, 0)): the cooler holds the laser until the housing is too warm.
     * curve (where a drive current varies): I(J) = exp(−loss·ΔT) · I_sim(J − threshold_shift·ΔT).
     """
@@ -93,7 +94,7 @@ class ThermalRolloff(LightFactor):
             return np.exp(np.clip(-float(values["loss"]) * warm, -20.0, 20.0))
         growth = max(float(values["growth"]), 1e-9)
         warmth = np.expm1(growth * excess(view, variant, column)) / growth
-        return np.exp(np.clip(-float(values["slope"]) * warmth, -20.0, 20.0))
+        return np.asarray(np.clip(1.0 - float(values["slope"]) * warmth, 1e-3, 1e3))
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Shifts the light-current curve where there is one, then multiplies the light."""
@@ -118,7 +119,7 @@ class ThermalRolloff(LightFactor):
             warm = f"({column} - reference)"
             return f"{channel}({current}) = exp(-loss * {warm}) * sim_{channel}({current} - threshold_shift * {warm})"
         origin = variant.options["reference"]
-        return f"{channel} *= exp(-slope * (exp(growth * ({column} - {origin})) - 1) / growth)"
+        return f"{channel} *= 1 - slope * (exp(growth * ({column} - {origin})) - 1) / growth"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Loss over the table's temperatures."""

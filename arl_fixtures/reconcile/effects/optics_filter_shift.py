@@ -26,10 +26,12 @@ from arl_fixtures.reconcile.view import View
 
 
 class FilterShift(LightFactor):
-    """I *= T(y) / T(offset), T(y) = 1 / (1 + y^(2·cavities)), y = offset + tilt·s(θ) + drift·ΔT in half-widths.
+    """I *= T(y) / T(offset), T(y) = 1 / (1 + y^(2·cavities)), y = offset + tilt·(s(θ) + line_drift·ΔT).
 
     s(θ) = 1 − sqrt(1 − sin²θ / index²): a passband moves to shorter wavelengths with the angle, the line comes to lie
-    on its long side. `offset`: where the line lies in the passband at normal incidence at the reference temperature.
+    on its long side. `tilt` is the wavelength over the half-width; the line's drift against the filter is tilt times
+    `line_drift`, a relative change of wavelength per kelvin, so that temperature never acts without the angle.
+    `offset`: where the line lies in the passband at normal incidence at the reference temperature.
     """
 
     id = "optics.filter_shift"
@@ -38,18 +40,23 @@ class FilterShift(LightFactor):
     confusable = ("optics.vignetting", "laser.thermal_rolloff", "beam.profile_shift", "detector.gain_temperature")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """With the angle alone, and with the laser's (or the next best) temperature."""
+        """With the angle alone, and with the laser's (or the next best) temperature; none where neither is known."""
         columns = temperature_drivers(view, "laser_temperature_c", "housing_temperature_c", limit=2)
+        if not (has_rays(view) or "laser_temperature_c" in columns):
+            return
+        reach = _reach(view) if has_rays(view) else 1.0
         for channel in signals(view):
             for column in (*columns, "") if has_rays(view) else columns:
                 parameters: list[Parameter] = []
                 if has_rays(view):
-                    parameters.append(amplitude("tilt", "half-widths", -40.0, 40.0, 2.0))
-                if column:
+                    parameters.append(amplitude("tilt", "half-widths", -8.0 / reach, 8.0 / reach, 0.3 / reach))
+                if column and has_rays(view):
+                    parameters.append(shape("line_drift", "1/K", -6e-4, 6e-4, 2.7e-4, 2e-5))
+                elif column:
                     most = 8.0 / span(view, column)
                     parameters.append(amplitude("drift", "half-widths/K", -most, most, 0.03 * most))
                 parameters += [
-                    shape("offset", "half-widths", -1.5, 1.5, -0.5, 0.5) if column
+                    shape("offset", "half-widths", -1.5, 1.5, -0.5) if column
                     else shape("offset", "half-widths", -1.5, 1.5, 0.0, -0.6),
                     shape("cavities", "1", 0.7, 5.0, 2.0),
                 ]  # fmt: skip
@@ -77,7 +84,10 @@ class FilterShift(LightFactor):
             place = place + float(values["tilt"]) * (1.0 - np.sqrt(1.0 - square / float(values["index"]) ** 2))
         column = str(variant.options["temperature"])
         if column:
-            place = place + float(values["drift"]) * excess(view, variant, column)
+            drift = (
+                float(values["tilt"]) * float(values["line_drift"]) if "tilt" in values else float(values["drift"])
+            )
+            place = place + drift * excess(view, variant, column)
         passed = 1.0 / (1.0 + np.minimum(np.abs(place), 1e3) ** power)
         return np.asarray(np.maximum(passed * (1.0 + abs(offset) ** power), 1e-6))
 
@@ -88,7 +98,9 @@ class FilterShift(LightFactor):
         if any(parameter.name == "tilt" for parameter in variant.parameters):
             terms += " + tilt * (1 - sqrt(1 - sin(field angle)^2 / index^2))"
         if column:
-            terms += f" + drift * ({column} - {variant.options['reference']})"
+            named = {parameter.name for parameter in variant.parameters}
+            drift = "tilt * line_drift" if "line_drift" in named else "drift"
+            terms += f" + {drift} * ({column} - {variant.options['reference']})"
         return f"{channel} *= T(y) / T(offset), T = 1 / (1 + |y|^(2 cavities)), y = {terms}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
@@ -109,3 +121,12 @@ class FilterShift(LightFactor):
 def _sine_square(view: View) -> FloatArray:
     cosine = np.cos(np.radians(azimuth(view))) * np.cos(np.radians(elevation(view)))
     return np.clip(1.0 - cosine**2, 0.0, 1.0)
+
+
+def _reach(view: View) -> float:
+    """s of the outermost ray of the table, for an index of 1.9."""
+    square = np.sin(np.radians(max(max(map(abs, view.span(name))) for name in _RAYS if view.has(name)))) ** 2
+    return float(np.clip(1.0 - np.sqrt(1.0 - square / 1.9**2), 2e-3, 0.15))
+
+
+_RAYS = ("azimuth_deg", "elevation_deg")

@@ -38,7 +38,7 @@ class TdcNonlinearity(Effect):
             if not spread > 0.0:
                 continue
             size = 1e3 if unit_of(distance) == "mm" else 1.0
-            longest = min(2.0 * spread, 4.0 * size)
+            longest = min(0.7 * spread, 4.0 * size)
             shortest = max(spread / 30.0, 0.01 * size)
             if longest <= 1.05 * shortest:
                 continue
@@ -49,7 +49,7 @@ class TdcNonlinearity(Effect):
                 parameters=(
                     amplitude("sine", unit_of(distance), -0.1 * reach, 0.1 * reach, 0.002 * size),
                     amplitude("cosine", unit_of(distance), -0.1 * reach, 0.1 * reach, 0.002 * size),
-                    shape("period", unit_of(distance), 0.5 * shortest, 1.5 * longest, *starts),
+                    shape("period", unit_of(distance), 0.5 * shortest, 1.15 * longest, *starts),
                 ),
                 channels=(distance,),
                 drivers=(f"sim_{distance}",),

@@ -45,7 +45,8 @@ class ThermalLag(Effect):
                     continue
                 wide = span(view, column)
                 duration = record.interval * record.values.shape[1]
-                shortest = max(0.5 * record.interval, 1e-3 * duration)
+                # a quicker die cannot be told from one without lag
+                shortest = max(2.0 * record.interval, min(100.0 if record.unit == "s" else 0.3, 0.05 * duration))
                 for kind in ("difference", "whole"):
                     options: dict[str, Option] = {"channel": distance, "temperature": column, "kind": kind}
                     if kind == "whole":
