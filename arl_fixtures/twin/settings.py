@@ -66,6 +66,10 @@ class DutSettings(FiniteModel):
         if not (serial.isascii() and serial.isprintable()):
             msg = "a serial number is printable ASCII"
             raise ValueError(msg)
+        # files are named by it
+        if "/" in serial or "\\" in serial or serial.startswith("."):
+            msg = "a serial number has no slash and does not begin with a dot"
+            raise ValueError(msg)
         return serial
 
     @field_validator("sender_address")

@@ -13,6 +13,7 @@ from arl_fixtures.bench.config import BenchConfig
 from arl_fixtures.bench.profile import Profile
 from arl_fixtures.errors import ArlError, ConfigError
 from arl_fixtures.lab.framing import Link, listen
+from arl_fixtures.twin.settings import DutSettings
 from arl_fixtures.yaml_model import load_yaml
 
 SOURCES = sorted(Path(arl_fixtures.__file__).parent.rglob("*.py"))
@@ -46,12 +47,18 @@ def test_no_source_unpickles_evaluates_or_starts_a_shell():
     assert found == []
 
 
-@pytest.mark.parametrize("name", ["..", ".hidden", "a/b", "../a", "a\\b", "", "a\n", "-rf"])
+@pytest.mark.parametrize("name", ["..", ".hidden", "a/b", "../a", "a\\b", "", "a\nb", "-rf"])
 @pytest.mark.parametrize(("model", "key"), [(BenchConfig, "name"), (BenchConfig, "campaign"), (Profile, "name")])
 def test_names_that_become_paths_stay_in_their_folder(model, key, name):
     with pytest.raises(ValidationError) as error:
         model.model_validate({key: name})
     assert any(detail["loc"] == (key,) and detail["type"] != "missing" for detail in error.value.errors())
+
+
+@pytest.mark.parametrize("serial", ["../../x", "..", "a/b", "a\\b", ".x"])
+def test_serial_numbers_that_name_files_stay_in_their_folder(serial):
+    with pytest.raises(ValidationError, match="has no slash"):
+        DutSettings(serial=serial)
 
 
 @pytest.mark.parametrize(
