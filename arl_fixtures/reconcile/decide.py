@@ -22,9 +22,11 @@ from arl_fixtures.reconcile.findings import (
 )
 from arl_fixtures.reconcile.fit import Fit, finish, fit, with_vector
 from arl_fixtures.reconcile.law import Law, find_law
+from arl_fixtures.reconcile.locate import locate, located_law
 from arl_fixtures.reconcile.patterns import Pattern, Scatter, find_patterns, find_scatter, is_calibration
 from arl_fixtures.reconcile.pilot import Structure
 from arl_fixtures.reconcile.problem import FOLDS, ChannelData, Problem
+from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.search import MISFIT_SHARE, Found, Search
 from arl_fixtures.reconcile.terms import Term, forward
 
@@ -34,6 +36,7 @@ LEFT_SHARE = 0.25
 """Largest share of a channel's mismatch that may stay predictable under a name."""
 UNKNOWN_SHARE = 0.08
 """Share above which what is left is reported as a finding of its own."""
+PIXEL_COLUMNS = frozenset({"pixel_u", "pixel_v", "azimuth_deg", "elevation_deg"})
 CONSTANT_Z = 8.0
 """A unit's constant gain or offset this many standard errors from none is a mismatch if nothing else explains it."""
 
@@ -114,10 +117,22 @@ class Decision:
                 (self.search.gains.get(k, 0.0) for k, t in enumerate(self.best.terms)
                  if set(t.variant.channels) & set(pattern.term.variant.channels)), default=0.0,
             )  # fmt: skip
-            if not calibration and not self.patterns and pattern.gain > MISFIT_SHARE * largest:
+            if calibration or self.patterns or pattern.gain <= MISFIT_SHARE * largest:
+                continue
+            if largest > 0.0 or not self._has_other_place(pattern):
                 self.patterns.append(pattern)
         if self.patterns:
             self._look()
+
+    def _has_other_place(self, pattern: Pattern) -> bool:
+        """Whether a channel of a pattern carries stronger structure on something other than its pixels."""
+        state = forward(self.best.terms, self.problem.view)
+        for d in self.problem.data:
+            if d.channel.name in pattern.term.variant.channels and d.channel.role is not Role.SCATTER:
+                place = locate(self.found.looker, d, state)
+                if place is not None and place.gain > pattern.gain and not set(place.columns) & PIXEL_COLUMNS:
+                    return True
+        return False
 
     def _look(self) -> None:
         state = forward(self.terms, self.problem.view)
@@ -175,6 +190,10 @@ class Decision:
             if is_structure(left) and (not acted or self.left_share(name) > UNKNOWN_SHARE):
                 law = find_law(self.found.looker, d, state, left)
                 if law.terms or law.trees:
+                    self.laws.append(law)
+            elif not acted:
+                law = located_law(self.found.looker, d, state)
+                if law.terms:
                     self.laws.append(law)
 
     def cross_fitted(self) -> State:

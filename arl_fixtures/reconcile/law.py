@@ -36,10 +36,11 @@ class Axis:
     Attributes:
         column: feature name (see `features_of`).
         kind: `linear`, `square`, `above`, `below` (hinges), `step`, `exp`, `inverse`, `log`, `sin`, `cos`, `parity`,
-            `is` (a category), `one`.
+            `is` (a category), `table` (one value per bin), `one`.
         middle, width: the ratio is (x − middle) / width.
         at: knot or period in the column's unit, or number of a category.
         label: category label of `is`.
+        edges, values: bins of `table` and their coefficients.
     """
 
     column: str
@@ -48,6 +49,13 @@ class Axis:
     width: float = 1.0
     at: float = 0.0
     label: str = ""
+    edges: tuple[float, ...] = ()
+    values: tuple[float, ...] = ()
+
+    def bin_of(self, x: FloatArray) -> IntArray:
+        """Bin of each value of the column (modulo the period, where there is one); NaN falls into the last bin."""
+        folded = np.mod(x, self.at) if self.at > 0 else x
+        return np.searchsorted(np.asarray(self.edges), folded, side="right").astype(np.int64)
 
     def __call__(self, features: dict[str, FloatArray]) -> FloatArray:
         """Values on rows; NaN inputs give 0 (nothing known, nothing corrected)."""
@@ -67,7 +75,7 @@ class Axis:
             "above": f"max({c} - {a}, 0)/{w}", "below": f"max({a} - {c}, 0)/{w}", "step": f"[{c} > {a}]",
             "exp": f"exp(3*({c} - {m})/{w})", "inverse": f"{m}/{c}", "log": f"ln({c}/{m})",
             "sin": f"sin(2*pi*{c}/{a})", "cos": f"cos(2*pi*{c}/{a})", "parity": f"(-1)^{c}",
-            "is": f"[{c} = {self.label}]",
+            "is": f"[{c} = {self.label}]", "table": f"table({c}{f' mod {a}' if self.at else ''})",
         }[self.kind]  # fmt: skip
 
 
@@ -164,6 +172,8 @@ def _function(kind: str, x: FloatArray, axis: Axis) -> FloatArray:
             return np.asarray(np.sin(2.0 * np.pi * x / axis.at))
         case "cos":
             return np.asarray(np.cos(2.0 * np.pi * x / axis.at))
+        case "table":
+            return np.asarray(np.asarray(axis.values)[axis.bin_of(x)])
         case "parity":
             return np.where(np.mod(x, 2.0) < 0.5, 1.0, -1.0)
         case _:

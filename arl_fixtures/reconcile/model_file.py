@@ -52,6 +52,8 @@ class AxisFile(FileModel):
     width: float = 1.0
     at: float = 0.0
     label: str = ""
+    edges: list[float] = Field(default_factory=list)
+    values: list[float] = Field(default_factory=list)
 
 
 class LawTermFile(FileModel):
@@ -126,14 +128,25 @@ def _effect_file(term: Term) -> EffectFile:
     )  # fmt: skip
 
 
+def _axis_file(a: Axis) -> AxisFile:
+    return AxisFile(
+        column=a.column, kind=a.kind, middle=a.middle, width=a.width, at=a.at, label=a.label, edges=list(a.edges),
+        values=list(a.values),
+    )  # fmt: skip
+
+
+def _axis_of(a: AxisFile) -> Axis:
+    return Axis(
+        column=a.column, kind=a.kind, middle=a.middle, width=a.width, at=a.at, label=a.label, edges=tuple(a.edges),
+        values=tuple(a.values),
+    )  # fmt: skip
+
+
 def _law_file(law: Law) -> LawFile:
     terms = [
         LawTermFile(
             coefficient=t.value,
-            functions=[
-                AxisFile(column=a.column, kind=a.kind, middle=a.middle, width=a.width, at=a.at, label=a.label)
-                for a in t.axes
-            ],
+            functions=[_axis_file(a) for a in t.axes],
         )
         for t in law.terms
     ]
@@ -225,8 +238,7 @@ def laws_of(model: ModelFile) -> list[Law]:
                 relative=item.relative,
                 drivers=list(item.drivers),
                 terms=[
-                    LawTerm(axes=tuple(Axis(**a.model_dump()) for a in t.functions), value=t.coefficient)
-                    for t in item.terms
+                    LawTerm(axes=tuple(_axis_of(a) for a in t.functions), value=t.coefficient) for t in item.terms
                 ],
                 trees=[]
                 if trees is None

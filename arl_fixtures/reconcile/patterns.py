@@ -81,7 +81,7 @@ def _fit_pattern(
             continue
         tangent = d.expect * (moved[d.channel.name] - base[d.channel.name])[d.use] / step
         residual = d.residual(base)
-        residual = residual - _shared(d, residual)
+        residual = residual - shared_part(d, residual)
         weight = d.root_weight**2
         half = np.unique(d.block, return_inverse=True)[1] % 2
         for k in (0, 1):
@@ -107,7 +107,7 @@ def _fit_pattern(
         tau, gain = fit_tau(pull, total)
         values[good] = pull[good] / (total[good] + 1.0 / max(tau, 1e-12) ** 2)
         size = tau
-        z_half = _half_z(gram, score, tau)
+        z_half = half_z(gram, score, tau)
     level = {
         key: float(np.clip(null + x, parameter.low, parameter.high)) for key, x in zip(keys, values, strict=True)
     }
@@ -116,7 +116,7 @@ def _fit_pattern(
     return Pattern(term=fitted, gain=gain, z=z_half, size=size)
 
 
-def _half_z(gram: FloatArray, score: FloatArray, tau: float) -> float:
+def half_z(gram: FloatArray, score: FloatArray, tau: float) -> float:
     """Significance of the product of both halves' estimates."""
     first = score[0] / np.maximum(gram[0] + 1.0 / max(tau, 1e-12) ** 2, 1e-12)
     product = first * score[1]
@@ -124,7 +124,7 @@ def _half_z(gram: FloatArray, score: FloatArray, tau: float) -> float:
     return float(product.sum()) / scale if scale > 0 else 0.0
 
 
-def _shared(data: ChannelData, residual: FloatArray) -> FloatArray:
+def shared_part(data: ChannelData, residual: FloatArray) -> FloatArray:
     """Estimate of what units, steps and images share in a residual (weighted means, shrunk by their scatter)."""
     total = np.zeros(len(residual))
     if data.calibrated:
