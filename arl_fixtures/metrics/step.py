@@ -147,6 +147,19 @@ class StepData:
                 missing.setdefault("intensity", f"no frame holds an intensity{self.shortfall}")
         return missing
 
+    def seen_by(self, geometry: Geometry) -> StepData:
+        """The same recording against another expectation."""
+        return StepData(
+            dut=self.dut,
+            conditions=self.conditions,
+            sweep=self._sweep,
+            geometry=geometry,
+            expected_angles=self.expected_angles,
+            reference=self.reference,
+            uncertainty=self.uncertainty,
+            faults=self.faults,
+        )
+
     @property
     def shortfall(self) -> str:
         """What the recording lacks, as a clause to append to a reason; empty when it is whole."""

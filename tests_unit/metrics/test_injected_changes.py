@@ -7,6 +7,8 @@ from functools import cache
 import pytest
 from simulated_sweep import SimulatedBench, value_of
 
+from arl_fixtures.metrics.measures import intrinsics
+from arl_fixtures.metrics.reference import NotMeasurableError
 from arl_fixtures.metrics.registry import measure, remember
 from arl_fixtures.twin.beam import BeamSettings, PowerPatch
 from arl_fixtures.twin.noise import NoiseSettings
@@ -73,6 +75,35 @@ def test_focal_length_and_principal_point():
     assert_recovers(value_of(measured, "focal_length_change", "fy"), 0.0, 0.03)
     assert_recovers(value_of(measured, "principal_point_change", "cx"), 0.2, 0.01)
     assert_recovers(value_of(measured, "principal_point_change", "cy"), 0.0, 0.03)
+
+
+@cache
+def coarse_bench():
+    """Every second angle: what K takes from the circles does not need them all."""
+    return SimulatedBench(DUT, angles_deg=tuple(-60.0 + 1.8 * k for k in range(67)))
+
+
+def recalibrated(**off):
+    camera = DUT.intrinsics.model_copy(update=off)
+    bench = SimulatedBench(
+        DUT, actual=DUT.model_copy(update={"intrinsics": camera}), angles_deg=coarse_bench().angles_deg
+    )
+    return coarse_bench().step(sweep=bench.sweep(200))
+
+
+@pytest.mark.parametrize("off", [{"cx": 64.5, "cy": 15.9}, {"fx": 59.2, "fy": 67.3}])
+def test_a_camera_far_from_its_file_is_found(off):
+    measured = intrinsics.METRIC.evaluate(recalibrated(**off))
+    for name in ("fx", "fy", "cx", "cy"):
+        found = value_of(measured, "focal_length" if name[0] == "f" else "principal_point", name).quantity
+        truth = off.get(name, getattr(DUT.intrinsics, name))
+        assert abs(found.value - truth) < SIGMAS * found.u
+        assert found.u < 0.06
+
+
+def test_a_camera_that_confuses_the_circles_is_no_camera():
+    with pytest.raises(NotMeasurableError, match="K of the DUT file is pixels off"):
+        recalibrated(cx=66.5).derive(intrinsics.calibrate)
 
 
 def test_pulse_energy_jitter_is_measured_and_doubted_where_it_matters():

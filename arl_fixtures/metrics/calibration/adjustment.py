@@ -37,7 +37,9 @@ BoolArray = npt.NDArray[np.bool_]
 ITERATIONS: Final = 4
 TUKEY: Final = 6.0
 """Bisquare constant; wide, because the sampling's scatter is not normal."""
-MAD_TO_SIGMA: Final = 1.4826
+HALF_NORMAL_50: Final = 0.6745
+HALF_NORMAL_90: Final = 1.6449
+"""Quantiles of |x| for a standard normal x."""
 FEWEST_CIRCLES: Final = 100
 GROUPS: Final = ("mount", "target position", "stage angle")
 LEAST_PX: Final = 1e-4
@@ -117,58 +119,110 @@ def adjust(
         raise NotMeasurableError(
             f"{int(used.sum())} circles of the intrinsic targets seen; at least {FEWEST_CIRCLES}"
         )
-    dense = field.jacobian[used].reshape(-1, len(field.names))
-    stage = field.stage_jacobian[used].ravel()
-    present = np.bincount(field.angle[used]) > 0
-    angles = np.flatnonzero(present)
-    angle = np.repeat((np.cumsum(present) - 1)[field.angle[used]], 2)
+    equations = _Equations.of(field, used)
     deviation = centres.deviation_px[used].ravel()
     noise = np.maximum(centres.variance_px2[used].ravel(), LEAST_PX**2)
-    prior, group = _priors(field, uncertainty, len(angles))
-    pull = prior[: dense.shape[1]] * [known.get(name, 0.0) for name in field.names]
+    prior, group = _priors(field, uncertainty, equations.angles)
+    pull = np.zeros_like(prior)
+    pull[: len(field.names)] = prior[: len(field.names)] * [known.get(name, 0.0) for name in field.names]
 
-    model = 0.0
+    variance = noise
     trust = np.ones_like(deviation)
-    inverse, evidence, theta = np.empty((0, 0)), np.empty((0, 0)), np.empty(0)
-    residual = deviation
+    inverse, theta, residual = np.empty((0, 0)), np.empty(0), deviation
     for _ in range(ITERATIONS):
-        weight = trust / (noise + model)
-        evidence = _normal(dense, stage, angle, weight, len(angles))
-        inverse = np.linalg.inv(evidence + np.diag(prior)).astype(np.float64)
-        right = _right_side(dense, stage, angle, weight * deviation, len(angles))
-        right[: dense.shape[1]] -= pull
-        theta = inverse @ right
-        residual = deviation - dense @ theta[: dense.shape[1]] - stage * theta[dense.shape[1] :][angle]
-        spread = (MAD_TO_SIGMA * float(np.median(np.abs(residual)))) ** 2
-        model = max(spread - float(np.median(noise)), 0.0)
-        trust = np.clip(1.0 - residual**2 / (TUKEY**2 * (noise + model)), 0.0, None) ** 2
+        weight = trust / variance
+        inverse = np.linalg.inv(equations.normal(weight) + np.diag(prior)).astype(np.float64)
+        theta = inverse @ (equations.right_side(weight * deviation) - pull)
+        residual = deviation - equations.predicted(theta)
+        spread = _scale(residual) ** 2
+        variance = noise + max(spread - float(np.median(noise)), 0.0)
+        trust = np.clip(1.0 - residual**2 / (TUKEY**2 * variance), 0.0, None) ** 2
+
     count = len(free_intrinsics(field.dut.intrinsics))
-    camera = np.array(["." not in name or name.startswith("mount.") for name in field.names])
     # weights of (1 − x²)² stand for evidence of a share of an observation: the sandwich has them squared
-    squared = trust * trust / (noise + model)
+    squared = trust * trust / variance
     kernels = []
     for axis in (0, 1):
-        one = np.zeros_like(squared)
-        one[axis::2] = squared[axis::2]
-        kernels.append((inverse @ _normal(dense, stage, angle, one, len(angles)) @ inverse.T)[:count, :count])
-    sigma = np.sqrt(noise + model)
-    clusters = 2 * np.unique(field.circle[used]).size
-    parts = {name: (inverse * np.where(group == k, prior, 0.0)) @ inverse.T for k, name in enumerate(GROUPS)}
+        of_axis = np.where(np.arange(squared.size) % 2 == axis, squared, 0.0)
+        kernels.append((inverse @ equations.normal(of_axis) @ inverse.T)[:count, :count])
+    by_group = {name: (inverse * np.where(group == k, prior, 0.0)) @ inverse.T for k, name in enumerate(GROUPS)}
+    moves = np.zeros_like(theta)
+    camera = [k for k, name in enumerate(field.names) if "." not in name or name.startswith("mount.")]
+    moves[camera] = theta[camera]
     return Adjustment(
         names=field.names[:count],
-        offsets=dict(zip(field.names, theta[: dense.shape[1]].tolist(), strict=True)),
+        offsets=dict(zip(field.names, theta[: len(field.names)].tolist(), strict=True)),
         kernels=np.stack(kernels),
         identity=field.identity[used],
         circle=field.circle[used],
-        residuals=(np.sqrt(trust) * residual / sigma).reshape(-1, 2),
-        sigma_px=sigma.reshape(-1, 2),
-        by_group={name: part[:count, :count] for name, part in parts.items()},
-        dof=float(max(clusters - dense.shape[1], 1)),
+        residuals=(np.sqrt(trust / variance) * residual).reshape(-1, 2),
+        sigma_px=np.sqrt(variance).reshape(-1, 2),
+        by_group={name: part[:count, :count] for name, part in by_group.items()},
+        dof=float(max(2 * np.unique(field.circle[used]).size - len(field.names), 1)),
         circles=int(used.sum()),
-        parameters=dense.shape[1],
+        parameters=len(field.names),
         residual_px=float(np.sqrt(np.average(residual**2, weights=trust))),
-        moved_px=float(np.sqrt(np.mean((dense[:, camera] @ theta[: dense.shape[1]][camera]) ** 2))),
+        moved_px=float(np.sqrt(np.mean(equations.predicted(moves) ** 2))),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Equations:
+    """Linear equations of 2k deviations: dense parameters first, then one stage angle each.
+
+    Attributes:
+        dense: (2k, p) derivatives by the parameters.
+        stage: (2k,) derivative by the own stage angle.
+        angle: (2k,) number of that among the angles that occur.
+        angles: how many occur.
+    """
+
+    dense: Float64Array
+    stage: Float64Array
+    angle: Int64Array
+    angles: int
+
+    @classmethod
+    def of(cls, field: CircleField, used: BoolArray) -> _Equations:
+        occurs = np.bincount(field.angle[used]) > 0
+        number = (np.cumsum(occurs) - 1)[field.angle[used]]
+        dense = field.jacobian[used].reshape(-1, len(field.names))
+        return cls(dense, field.stage_jacobian[used].ravel(), np.repeat(number, 2), int(occurs.sum()))
+
+    def normal(self, weight: Float64Array) -> Float64Array:
+        """JᵀWJ; each deviation depends on one stage angle only."""
+        p = self.dense.shape[1]
+        matrix = np.zeros((p + self.angles, p + self.angles))
+        matrix[:p, :p] = self.dense.T @ (self.dense * weight[:, None])
+        for k in range(p):
+            matrix[k, p:] = self._by_angle(weight * self.stage * self.dense[:, k])
+        matrix[p:, :p] = matrix[:p, p:].T
+        diagonal = np.arange(p, p + self.angles)
+        matrix[diagonal, diagonal] = self._by_angle(weight * self.stage**2)
+        return matrix
+
+    def right_side(self, weighted: Float64Array) -> Float64Array:
+        """Jᵀ times weighted deviations."""
+        return np.concatenate([self.dense.T @ weighted, self._by_angle(weighted * self.stage)])
+
+    def predicted(self, theta: Float64Array) -> Float64Array:
+        """J θ."""
+        p = self.dense.shape[1]
+        predicted: Float64Array = self.dense @ theta[:p] + self.stage * theta[p:][self.angle]
+        return predicted
+
+    def _by_angle(self, values: Float64Array) -> Float64Array:
+        return np.bincount(self.angle, weights=values, minlength=self.angles).astype(np.float64)
+
+
+def _scale(residual: Float64Array) -> float:
+    """Standard deviation by quantiles: wild centres do not count, but a tail of every tenth does.
+
+    A sampled circle's centre stays where it is until one of the samples changes sides, and then jumps: most of the
+    residuals can be next to nothing while the jumps of the others decide the estimate.
+    """
+    half, most = np.quantile(np.abs(residual), (0.5, 0.9))
+    return float(max(half / HALF_NORMAL_50, most / HALF_NORMAL_90))
 
 
 def _cluster_factor(residuals: Float64Array, circle: Int64Array, parameters: int) -> float:
@@ -203,24 +257,3 @@ def _priors(
     precision += [max(uncertainty.stage_angle_deg, LEAST_U) ** -2] * angles
     group += [2] * angles
     return np.array(precision), np.array(group, dtype=np.int64)
-
-
-def _normal(
-    dense: Float64Array, stage: Float64Array, angle: npt.NDArray[np.int64], weight: Float64Array, angles: int
-) -> Float64Array:
-    """JᵀWJ with the stage angles last; each centre depends on one of them only."""
-    p = dense.shape[1]
-    matrix = np.zeros((p + angles, p + angles))
-    matrix[:p, :p] = dense.T @ (dense * weight[:, None])
-    for k in range(p):
-        matrix[k, p:] = np.bincount(angle, weights=weight * stage * dense[:, k], minlength=angles)
-    matrix[p:, :p] = matrix[:p, p:].T
-    diagonal = np.arange(p, p + angles)
-    matrix[diagonal, diagonal] = np.bincount(angle, weights=weight * stage**2, minlength=angles)
-    return matrix
-
-
-def _right_side(
-    dense: Float64Array, stage: Float64Array, angle: npt.NDArray[np.int64], weighted: Float64Array, angles: int
-) -> Float64Array:
-    return np.concatenate([dense.T @ weighted, np.bincount(angle, weights=weighted * stage, minlength=angles)])
