@@ -51,7 +51,7 @@ class ThermalRolloff(LightFactor):
                 if currents and _swept(view, currents[0]):
                     reach = float(np.subtract(*view.span(currents[0])[::-1]))
                     shift = amplitude("threshold_shift", "A/K", 0.0, reach / wide, 0.02 * reach / wide)
-                    loss = amplitude("loss", "1/K", 0.0, 3.0 / wide, 0.05 / wide)
+                    loss = amplitude("loss", "1/K", -1.0 / wide, 3.0 / wide, 0.05 / wide)
                     origin = shape("reference", "°C", low, high, low, reference(view, column))
                     kind: dict[str, Option] = {"kind": "curve", "temperature": column, "current": currents[0]}
                     yield self._variant(view, channel, kind, (shift, loss, origin), (column, currents[0]))

@@ -49,14 +49,14 @@ class FilterShift(LightFactor):
             for column in (*columns, "") if has_rays(view) else columns:
                 parameters: list[Parameter] = []
                 if has_rays(view):
-                    parameters.append(amplitude("tilt", "half-widths", -8.0 / reach, 8.0 / reach, 0.3 / reach))
+                    parameters.append(amplitude("tilt", "half-widths", 0.0, 8.0 / reach, 0.3 / reach))
                 if column and has_rays(view):
                     parameters.append(shape("line_drift", "1/K", -6e-4, 6e-4, 2.7e-4, 2e-5))
                 elif column:
                     most = 8.0 / span(view, column)
                     parameters.append(amplitude("drift", "half-widths/K", -most, most, 0.03 * most))
                 parameters += [
-                    shape("offset", "half-widths", -1.5, 1.5, -0.5) if column
+                    shape("offset", "half-widths", -1.5, 1.5, -0.5, 0.3) if column
                     else shape("offset", "half-widths", -1.5, 1.5, 0.0, -0.6),
                     shape("cavities", "1", 0.7, 5.0, 2.0),
                 ]  # fmt: skip

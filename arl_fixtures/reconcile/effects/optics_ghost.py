@@ -11,6 +11,7 @@ from arl_fixtures.reconcile.effects_common import amplitude, light_channels, per
 from arl_fixtures.reconcile.effects_frame import add_stray_light, has_frames, ranged_by
 from arl_fixtures.reconcile.view import View
 
+_BESIDE = {"u": (0.0, -1.5, 1.5, -3.0, 3.0), "v": (0.0, -1.5, 1.5)}
 _FLIPS = {"point": (True, True), "columns": (True, False), "rows": (False, True)}
 
 
@@ -35,7 +36,15 @@ class Ghost(Effect):
                 for letter, used in (("u", across), ("v", along)):
                     if used:
                         middle = _axis(view, letter)
-                        parameters.append(shape(f"centre_{letter}", "px", middle - 4.0, middle + 4.0, middle))
+                        parameters.append(
+                            shape(
+                                f"centre_{letter}",
+                                "px",
+                                middle - 5.0,
+                                middle + 5.0,
+                                *(middle + x for x in _BESIDE[letter]),
+                            )
+                        )
                 if moved:
                     parameters.append(shape("pull", "1", 0.0, 1.5, 1.0))
                 yield Variant(

@@ -64,7 +64,8 @@ class ColumnPattern(Effect):
             )
         if kind == "periodic":
             longest = min(span(view, axis), 64.0)
-            starts = period_starts(_SHORTEST, longest, span(view, axis), most=40)
+            most_starts = 36 if channel in signals(view) else 10
+            starts = period_starts(_SHORTEST, longest, span(view, axis), most=most_starts)
             whole = tuple(period for period in (3.0, 4.0, 5.0, 6.0, 8.0, 16.0) if period < longest)
             parameters += (shape("period", "px", _SHORTEST, longest, *whole, *starts),)
         return Variant(
