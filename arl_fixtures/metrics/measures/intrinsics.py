@@ -2,8 +2,9 @@
 
 Circle centres come from the temporal mean images with the blob's bias taken from the twin's own frames
 (`calibration.circles`); K and δ follow from a bundle adjustment with mount, targets and stage angles as nearly known
-(`calibration.adjustment`). Where the found camera is far from the assumed one, the twin is rendered again with the
-found one and the rest is measured against that.
+(`calibration.adjustment`). It begins with the camera of the reference, or of the DUT file where there is none; where
+the found camera is not the assumed one, the twin is rendered again with the found one and the rest is measured
+against that.
 
 Changes against the reference: mount and targets are the same ones then and now, so their part cancels, and so does
 what a circle's residuals had already then; what remains is the scatter of the residuals' own change, and the stage
@@ -53,11 +54,13 @@ class Calibration:
         names: parameter names.
         values: their values, pixels or dimensionless.
         adjustment: with the covariances.
+        assumed: offsets from the DUT file, by name, of the camera and mount that the twin was rendered with last.
     """
 
     names: tuple[str, ...]
     values: Float64Array
     adjustment: Adjustment
+    assumed: Mapping[str, float]
 
     def contributions(self, k: int, factor: float = 1.0) -> tuple[Contribution, ...]:
         """What parameter k's uncertainty is made of, times a factor."""
@@ -79,40 +82,74 @@ def calibrate(step: StepData) -> Calibration:
         NotMeasurableError: no intensities, or an intrinsic target was not seen.
     """
     sweep = step.require("intensity")
-    geometry = step.geometry
     returns = np.maximum(sweep.intensity_returns, 1)
     counts = sweep.intensity_counts.astype(np.float64).ravel() - step.dut.offset_counts
     variance = (sweep.intensity_variance / returns).astype(np.float64).ravel()
     names = free_intrinsics(step.dut.intrinsics)
-    offsets: dict[str, float] = {}
-    assumed = step
+    offsets = _known_offsets(step)
     for again in range(MOST_ROUNDS):
+        assumed, geometry = offsets, _geometry_with(step.geometry, offsets, keep=not again)
+        seen_so = step if geometry is step.geometry else step.seen_by(geometry)
         plan = geometry.derive(circle_plan)
         if plan is None:
             raise NotMeasurableError(f"no circle of an intrinsic target fits the image{step.shortfall}")
-        centres = find_centres(plan, counts, variance, assumed.derive(power_map).power.ravel())
+        centres = find_centres(plan, counts, variance, seen_so.derive(power_map).power.ravel())
         for b, board in enumerate(plan.circles.boards):
             on_board = plan.circles.board == b
             seen, planned = int(centres.usable[on_board].sum()), int(on_board.sum())
             if seen < LEAST_SHARE * planned or not planned:
                 raise NotMeasurableError(f"{board}: {seen} of {planned} circles seen{step.shortfall}")
-        found = adjust(plan.circles, centres, step.uncertainty, offsets)
+        found = adjust(plan.circles, centres, step.uncertainty, assumed)
         offsets = {
-            name: offsets.get(name, 0.0) + offset for name, offset in found.offsets.items() if _is_camera(name)
+            name: assumed.get(name, 0.0) + offset for name, offset in found.offsets.items() if _is_camera(name)
         }
-        if again and found.residual_px > WORST_RESIDUAL_PX:
+        near = found.moved_px < NEAR_PX
+        if (again or near) and found.residual_px > WORST_RESIDUAL_PX:
             raise NotMeasurableError(
                 f"circles scatter by {found.residual_px:.2f} px about any camera: K of the DUT file is pixels off, "
                 "or the targets are not where the bench file puts them"
             )
-        if found.moved_px < NEAR_PX:
+        if near:
             break
-        renderer = Renderer(_with_offsets(step.dut, offsets), geometry.scene, remembered_angles=1)
-        geometry = Geometry(renderer, geometry.stage_angle_deg)
-        # the power map, too, is another one where the pixels look elsewhere
-        assumed = step.seen_by(geometry)
     values = np.array([getattr(step.dut.intrinsics, name) + offsets[name] for name in names])
-    return Calibration(names=names, values=values, adjustment=found)
+    return Calibration(names=names, values=values, adjustment=found, assumed=assumed)
+
+
+def _known_offsets(step: StepData) -> dict[str, float]:
+    """Where to begin: with the camera and mount of the reference, where there is one, else with the DUT file's.
+
+    The reference's is likely to be near, and with the same twin then and now a circle's sampling errors are the same
+    and cancel in the change.
+    """
+    try:
+        reference = step.need_reference()
+        names, values = reference.array("intrinsics.assumed_names"), reference.array("intrinsics.assumed")
+    except NotMeasurableError:
+        return {}
+    known = {str(name): float(value) for name, value in zip(names, values, strict=True)}
+    expected = free_intrinsics(step.dut.intrinsics)
+    return known if set(expected) <= known.keys() else {}
+
+
+def _geometry_with(geometry: Geometry, offsets: Mapping[str, float], *, keep: bool) -> Geometry:
+    """The expectation for another camera and mount; one that the next step will ask for again is kept."""
+    if not offsets:
+        return geometry
+    kept = geometry.derive(_kept_geometries)
+    key = tuple(offsets.items())
+    if key in kept:
+        return kept[key]
+    renderer = Renderer(_with_offsets(geometry.dut, offsets), geometry.scene, remembered_angles=1)
+    found = Geometry(renderer, geometry.stage_angle_deg)
+    if keep:
+        kept.clear()
+        kept[key] = found
+    return found
+
+
+def _kept_geometries(_: Geometry) -> dict[tuple[tuple[str, float], ...], Geometry]:
+    """Room for one expectation with another camera, beside the geometry of the DUT file."""
+    return {}
 
 
 def _is_camera(name: str) -> bool:
@@ -123,7 +160,7 @@ def _with_offsets(dut: DutSettings, offsets: Mapping[str, float]) -> DutSettings
     """The DUT with other intrinsics and another mount."""
     camera = {name: getattr(dut.intrinsics, name) + value for name, value in offsets.items() if "." not in name}
     mount = {name.removeprefix("mount."): value for name, value in offsets.items() if name.startswith("mount.")}
-    up_m = mount.pop("up_m")
+    up_m = mount.pop("up_m", 0.0)
     return dut.model_copy(
         update={
             "intrinsics": dut.intrinsics.model_copy(update=camera),
@@ -158,6 +195,8 @@ def remember(step: StepData) -> Mapping[str, npt.NDArray[Any]]:
     return {
         "intrinsics.names": np.array(found.names),
         "intrinsics.values": found.values,
+        "intrinsics.assumed_names": np.array(list(found.assumed), dtype=np.str_),
+        "intrinsics.assumed": np.array(list(found.assumed.values()), dtype=np.float64),
         "intrinsics.repeatability": found.adjustment.repeatability,
         "intrinsics.identity": found.adjustment.identity,
         "intrinsics.residual_px": (found.adjustment.residuals * found.adjustment.sigma_px).astype(np.float32),
