@@ -69,13 +69,22 @@ def make_report(cycles: Sequence[Cycle], maps: MapMaker, lifetime: LifetimeModel
 
 
 def _banner(cycles: Sequence[Cycle]) -> str:
-    said = {cycle.record.path: cycle.record for cycle in cycles if cycle.record.begin.rejudged_from}
-    return " ".join(
-        f"RE-JUDGEMENT: the measurements of {shown(record.begin.rejudged_from)} were judged anew against limits "
-        f"'{shown(record.identity.limits_name)}' (SHA-256 {record.identity.limits_sha256[:12]}…). "
-        "Verdicts are not those of the test."
-        for record in said.values()
-    )
+    """What must not be overlooked: re-judgement, expired instruments, an open safe stop."""
+    said: dict[str, None] = {}
+    for cycle in cycles:
+        record = cycle.record
+        if record.begin.rejudged_from:
+            who = record.identity
+            said[
+                f"RE-JUDGEMENT: the measurements of {shown(record.begin.rejudged_from)} were judged anew against "
+                f"limits '{shown(who.limits_name)}' (SHA-256 {who.limits_sha256[:12]}…). Verdicts are not those of the test."
+            ] = None
+        expired = sections.expired_instruments(cycle)
+        if expired:
+            said[f"CALIBRATION EXPIRED before a cycle's end: {', '.join(expired)}."] = None
+        if record.unacknowledged():
+            said[f"SAFE STOP not acknowledged in {shown(record.path.name)}."] = None
+    return " ".join(said)
 
 
 def _all_cycles(cycles: Sequence[Cycle]) -> Section:
@@ -109,7 +118,7 @@ def _temperatures(cycle: Cycle, pictures: dict[str, bytes]) -> Section:
         caption="Mean of each sensor over each step's sweep, at its end; bars: set temperature from the step's begin "
         "to its end.",
         alt="Temperatures of the bench's sensors over the cycle, with the set temperatures",
-        share=0.8,
+        share=0.6,
     )
     return Section(title="Temperatures against set-points", blocks=(picture,))
 
@@ -135,7 +144,7 @@ def _maps(cycle: Cycle, maps: MapMaker, pictures: dict[str, bytes]) -> Section:
         name = f"maps-{number}.png"
         pictures[name] = figures.map_sheet(found)
         alt = f"Maps of {shown(serial)}: " + "; ".join(each.title for each in found)
-        blocks.append(Picture(name=name, caption=f"DUT {shown(serial)}", alt=alt, share=0.8))
+        blocks.append(Picture(name=name, caption=f"DUT {shown(serial)}", alt=alt, share=0.49))
     blocks += [Text(text=f"Missing: {shown(reason)}", tone="conditional") for reason in reasons]
     return Section(title="Maps: P_o, its change, σ, ΔD", blocks=tuple(blocks))
 
@@ -158,7 +167,7 @@ def _over_temperature(cycle: Cycle, pictures: dict[str, bytes]) -> Section:
                 caption="Selected metrics over the set temperature, with 95 % intervals; dashed: limits near enough "
                 "to be drawn.",
                 alt="Power change, worst 3 by 3 neighbourhood, distance error and camera changes over temperature",
-                share=0.8,
+                share=0.6,
             )
         )
     return Section(title="K, and metrics over temperature", blocks=tuple(blocks))

@@ -11,7 +11,7 @@ from arl_fixtures.report.text import shown
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-WIDTH_IN: Final = 5.0
+WIDTH_IN: Final = 4.4
 SHADES: Final = ("#1b5e9e", "#c2570c", "#2d7d46", "#7b3fa0", "#8a6d00", "#a3224a", "#00757a", "#555555")
 """Told apart in grey and by most colour-blind readers, together with the markers."""
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "*")

@@ -80,7 +80,7 @@ def map_sheet(maps: Sequence[ImageMap]) -> bytes:
             figure.colorbar(image, ax=axes, pad=0.02, fraction=0.05, extend="both")
         rows[-1].set_xlabel("column u")
 
-    return drawn(draw, 1.45 * len(maps) + 0.1, "png")
+    return drawn(draw, 1.2 * len(maps) + 0.1, "png")
 
 
 def _missing(axes: Axes, reason: str) -> None:

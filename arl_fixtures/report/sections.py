@@ -102,6 +102,16 @@ def instruments(record: SessionRecord, used_until: date) -> Table:
     )
 
 
+def expired_instruments(cycle: Cycle) -> list[str]:
+    """Roles of the instruments whose calibration ran out before the cycle's end."""
+    said, used_until = cycle.record.begin.environment, utc_date(cycle.end_utc_ns)
+    return [
+        kind
+        for kind in INSTRUMENTS
+        if calibration_state(said.get(f"{kind}.calibration_due", ""), "", used_until).tone == "fail"
+    ]
+
+
 def calibration_state(due: str, url: str, used_until: date) -> Cell:
     """Whether a calibration held to the end of the cycle."""
     if not due:
@@ -184,7 +194,7 @@ def _dut_table(serial: str, rows: list[ResultRow]) -> Table:
         title=f"Values of {shown(serial)} against their limits",
         header=("Metric", "Limit", "Nearest to the limit", "At", "Range over the steps", "Verdict"),
         rows=tuple(_row(row) for row in ordered),
-        weights=(2.6, 1.7, 2.2, 1.5, 2.1, 1.5),
+        weights=(3.0, 1.7, 2.2, 1.2, 2.1, 1.3),
         note="One row for each limit; of the values with the worst verdict the one nearest to its limit, in "
         "expanded uncertainties, is given with its 95 % interval. The journal holds them all.",
     )

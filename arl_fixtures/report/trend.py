@@ -137,7 +137,9 @@ def _fit(n: Float64Array, y: Float64Array, exponent: float, law: Law, repeatabil
     dof = n.size - count
     sigma = math.sqrt(max(rss / dof, repeatability**2))
     jacobian = np.stack([_gradient(float(each), slope, exponent, count) for each in n])
-    weight = 1.0 / np.maximum(np.abs(jacobian).max(axis=0), 1e-300)
+    largest = np.abs(jacobian).max(axis=0)
+    # without a slope the exponent moves nothing, and is left out
+    weight = np.divide(1.0, largest, out=np.zeros_like(largest), where=largest > 0.0)
     gram = np.linalg.pinv((jacobian * weight).T @ (jacobian * weight)) * np.outer(weight, weight)
     slope_u = sigma * math.sqrt(float(gram[1, 1]))
     t = abs(slope) / slope_u if slope_u > 0.0 else (math.inf if slope else 0.0)

@@ -91,6 +91,11 @@ def test_scatter_never_undercuts_the_stated_repeatability():
     assert fit_trend(CYCLES, exact, 0.2).p > 0.05
 
 
+def test_values_that_never_change_have_no_slope_and_no_warning():
+    fit = fit_trend(CYCLES, np.full(12, 2.0), 0.1)
+    assert (fit.slope, fit.p) == (pytest.approx(0.0, abs=1e-12), pytest.approx(1.0))
+
+
 def test_too_few_cycles_have_no_fit():
     assert fit_trend([0, 1, 2], [0.0, 1.0, 2.0]) is None
     assert fit_trend([3, 3, 3, 3], [0.0, 1.0, 2.0, 3.0]) is None
