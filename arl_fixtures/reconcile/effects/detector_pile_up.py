@@ -50,7 +50,7 @@ class PileUp(Effect):
             ]
             if moved:
                 size = 1e3 if unit_of(moved[0]) == "mm" else 1.0
-                parameters.append(shape("width", unit_of(moved[0]), 0.0, 2.0 * size, 0.05 * size))
+                parameters.append(shape("width", unit_of(moved[0]), 0.005 * size, 2.0 * size, 0.05 * size))
             yield Variant(
                 effect=self.id,
                 options={

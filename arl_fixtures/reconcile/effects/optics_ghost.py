@@ -11,7 +11,7 @@ from arl_fixtures.reconcile.effects_common import amplitude, light_channels, per
 from arl_fixtures.reconcile.effects_frame import add_stray_light, has_frames, ranged_by
 from arl_fixtures.reconcile.view import View
 
-_BESIDE = {"u": (0.0, -1.5, 1.5, -3.0, 3.0), "v": (0.0, -1.5, 1.5)}
+_BESIDE = {"u": (0.0, -1.5, 1.5, -3.0, 3.0), "v": (0.0, -1.5, 1.5)}  # whole pixels of shift: one look-up each
 _FLIPS = {"point": (True, True), "columns": (True, False), "rows": (False, True)}
 
 
@@ -42,11 +42,11 @@ class Ghost(Effect):
                                 "px",
                                 middle - 5.0,
                                 middle + 5.0,
-                                *(middle + x for x in _BESIDE[letter]),
+                                *(middle + x for x in (_BESIDE[letter] if flip == "point" else (0.0,))),
                             )
                         )
                 if moved:
-                    parameters.append(shape("pull", "1", 0.0, 1.5, 1.0))
+                    parameters.append(shape("pull", "1", 0.0, 1.5, 0.5))
                 yield Variant(
                     effect=self.id,
                     options={"channel": channel, "flip": flip},

@@ -164,7 +164,7 @@ def test_texts_are_plain_and_name_columns_of_the_table(effect):
             assert region == sorted(region)
 
 
-@settings(max_examples=250, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_any_parameters_inside_their_ranges_stay_finite_and_follow_the_rows(data):
     effect, variant = data.draw(st.sampled_from(CASES))
