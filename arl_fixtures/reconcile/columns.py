@@ -41,6 +41,7 @@ class Columns:
         categories: text, boolean and identifier columns as codes (−1 = null) and sorted labels.
         channels: what can be compared.
         ignored: column to the reason why it is not used.
+        sweep_gap_deg, frame_gap_s: farther apart, rows are no neighbours in the sweep or in time.
         memo: room for what effects compute once per table, under keys of their own.
     """
 
@@ -49,6 +50,8 @@ class Columns:
     categories: dict[str, tuple[IntArray, tuple[str, ...]]]
     channels: tuple[Channel, ...]
     ignored: dict[str, str] = field(default_factory=dict)
+    sweep_gap_deg: float = np.inf
+    frame_gap_s: float = np.inf
     memo: dict[object, Any] = field(default_factory=dict)
     _groups: dict[tuple[str, ...], IntArray] = field(default_factory=dict)
     _relations: dict[tuple[object, ...], IntArray] = field(default_factory=dict)

@@ -27,7 +27,7 @@ from arl_fixtures.reconcile.patterns import Pattern, Scatter, find_patterns, fin
 from arl_fixtures.reconcile.pilot import Structure
 from arl_fixtures.reconcile.problem import FOLDS, ChannelData, Problem
 from arl_fixtures.reconcile.roles import Role
-from arl_fixtures.reconcile.search import MISFIT_SHARE, Found, Search
+from arl_fixtures.reconcile.search import MISFIT_SHARE, Found, Search, constant_z
 from arl_fixtures.reconcile.terms import Term, forward
 
 STRUCTURE_Z, STRUCTURE_GAIN = 3.7, 12.0
@@ -89,11 +89,7 @@ class Decision:
 
     def _is_constant(self, d: ChannelData) -> bool:
         """Whether a channel is off by a gain or offset that no scatter of its steps explains."""
-        if not d.calibrated:
-            return False
-        values = d.constants_of(d.whitener(d.residual(self.final_state())))
-        z = np.abs(values) * np.sqrt(np.where(np.isfinite(d.intercept_weight), d.intercept_weight, 0.0))
-        return bool(np.any(z > CONSTANT_Z))
+        return d.calibrated and constant_z(d, self.final_state()) > CONSTANT_Z
 
     # ---- decisions -------------------------------------------------------------------------------------------
 

@@ -54,7 +54,7 @@ def find_groups(table: Columns) -> Groups:
     step = _dense(unit, table.group(*step_columns)) if step_columns else unit
     name = "temperature steps"
     angle = _dense(unit, table.codes_of("stage_angle_deg")) if _few(table, "stage_angle_deg") else None
-    if step.max() == unit.max():
+    if not step_columns:
         swept = swept_column(table)
         if swept:
             step = _dense(unit, _blocks_along(table.numbers[swept], unit))
@@ -150,3 +150,18 @@ def _last_resort(table: Columns, unit: IntArray) -> tuple[IntArray, str]:
         return table.group("pixel_u") // 4 * 1000 + np.nan_to_num(v).astype(np.int64) // 4, "patches of pixels"
     pieces = max(min(BLOCKS_WITHOUT_STEPS, table.n // 2), 1)
     return np.arange(table.n) * pieces // table.n, "runs of neighbouring rows"
+
+
+def typical_gaps(table: Columns) -> tuple[float, float]:
+    """Largest distance of neighbours in the sweep (degrees) and in time (seconds): 1.7 of the usual."""
+    gaps = []
+    for name in ("stage_angle_deg", "time_s"):
+        gap = np.inf
+        if name in table.numbers:
+            cell = table.group("dut", "cycle", "step")
+            order = np.lexsort((table.numbers[name], cell))
+            steps = np.diff(table.numbers[name][order])[np.diff(cell[order]) == 0]
+            steps = steps[np.isfinite(steps) & (steps > 1e-9)]
+            gap = 1.7 * float(np.median(steps)) if len(steps) else np.inf
+        gaps.append(gap)
+    return gaps[0], gaps[1]

@@ -96,15 +96,20 @@ class ModelFile(FileModel):
     unknown: list[LawFile] = Field(default_factory=list)
     calibration: dict[str, dict[str, float]] = Field(default_factory=dict)
     relative: list[str] = Field(default_factory=list)
+    sweep_gap_deg: float | None = None
+    frame_gap_s: float | None = None
 
 
-def model_of(diagnosis: Diagnosis, unit_columns: tuple[str, ...], relative: tuple[str, ...]) -> ModelFile:
+def model_of(
+    diagnosis: Diagnosis, unit_columns: tuple[str, ...], relative: tuple[str, ...], gaps: tuple[float, float]
+) -> ModelFile:
     """What to write for a diagnosis.
 
     Args:
         diagnosis: with terms and laws.
         unit_columns: columns whose levels the calibration constants belong to.
         relative: channels whose constant is a gain.
+        gaps: how far apart neighbours in the sweep (degrees) and in time (seconds) may lie.
     """
     return ModelFile(
         unit_columns=list(unit_columns),
@@ -112,6 +117,8 @@ def model_of(diagnosis: Diagnosis, unit_columns: tuple[str, ...], relative: tupl
         unknown=[_law_file(f.law) for f in diagnosis.findings if f.law is not None],
         calibration=diagnosis.constants,
         relative=list(relative),
+        sweep_gap_deg=gaps[0] if np.isfinite(gaps[0]) else None,
+        frame_gap_s=gaps[1] if np.isfinite(gaps[1]) else None,
     )
 
 
@@ -188,6 +195,8 @@ def terms_of(model: ModelFile, view: View, path: Path) -> list[Term]:
         DataError: the table lacks a column that an effect needs.
     """
     entries = library()
+    view.columns.sweep_gap_deg = np.inf if model.sweep_gap_deg is None else model.sweep_gap_deg
+    view.columns.frame_gap_s = np.inf if model.frame_gap_s is None else model.frame_gap_s
     terms = []
     for item in model.effects:
         if item.effect not in entries:

@@ -36,6 +36,7 @@ class ChannelData:
         unit: calibration unit of each row; units: their number.
         levels: groups that share errors.
         fold: hold-out fold of each row.
+        free_constant: whether a constant per unit may be fitted (where the role knows calibration at all).
         whitener: of the present scatters.
         stated_known: whether the simulation states its noise.
         expect: expected measurement over the true value, 1 except for scatters of few frames.
@@ -56,6 +57,7 @@ class ChannelData:
     spread: float = 1.0
     trust: FloatArray = field(default_factory=lambda: np.zeros(0))
     tau: dict[str, float] = field(default_factory=dict)
+    free_constant: bool = True
     whitener: Whitener = field(init=False)
     intercept: FloatArray = field(init=False)
     intercept_weight: FloatArray = field(init=False)
@@ -66,8 +68,8 @@ class ChannelData:
 
     @property
     def calibrated(self) -> bool:
-        """Whether a constant per unit is a matter of calibration."""
-        return self.channel.role in CALIBRATED
+        """Whether a constant per unit is fitted beside the effects, as a matter of calibration."""
+        return self.free_constant and self.channel.role in CALIBRATED
 
     @property
     def root_weight(self) -> FloatArray:

@@ -16,6 +16,8 @@ from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.search import Found, Progress, Search
 
 CONSTANT_Z = 3.5
+LOOKS = 500.0
+"""Places at which structure is looked for in a channel (see `locate`)."""
 
 
 def diagnose(
@@ -39,13 +41,15 @@ def diagnose(
     diagnosis = Diagnosis(
         sha256=sha256, rows=columns.n if rows is None else rows,
         channels=[d.channel.name for d in found.problem.data],
-        false_alarm_probability=_chance_of(found), findings=findings, fit=fits, constants=constants,
+        false_alarm_probability=_chance_of(found, decision), findings=findings, fit=fits, constants=constants,
         notes={**columns.ignored, **search.failed},
     )  # fmt: skip
     relative = tuple(
         d.channel.name for d in found.problem.data if d.channel.role in {Role.INTENSITY, Role.SCATTER}
     )  # fmt: skip
-    return diagnosis, model_of(diagnosis, found.problem.groups.unit_columns, relative), decision
+    gaps = (columns.sweep_gap_deg, columns.frame_gap_s)
+    model = model_of(diagnosis, found.problem.groups.unit_columns, relative, gaps)
+    return diagnosis, model, decision
 
 
 def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
@@ -69,9 +73,11 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
     return result
 
 
-def _chance_of(found: Found) -> float:
+def _chance_of(found: Found, decision: Decision) -> float:
     """Probability of the verdict's evidence without any mismatch, over all searches made."""
     p = found.stages[0].p_value if found.stages else 1.0
     if any(is_structure(s) for s in found.before.values()):
         p = min(p, 1e-3)
+    if decision.laws:
+        p = min(p, LOOKS * float(np.exp(-max(law.gain for law in decision.laws))))
     return float(np.clip(p, 0.0, 1.0))

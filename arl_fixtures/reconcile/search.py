@@ -11,14 +11,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import stats
 
-from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray
-from arl_fixtures.reconcile.effect import Effect
+from arl_fixtures.reconcile.columns import Columns
+from arl_fixtures.reconcile.effect import Effect, State
 from arl_fixtures.reconcile.fit import Fit, finish, fit
-from arl_fixtures.reconcile.grouping import Groups, find_groups
+from arl_fixtures.reconcile.grouping import find_groups, typical_gaps
 from arl_fixtures.reconcile.pilot import Looker, Structure
-from arl_fixtures.reconcile.problem import Problem, carry_gains
+from arl_fixtures.reconcile.problem import ChannelData, Problem, carry_gains
+from arl_fixtures.reconcile.robust import robust_gain
+from arl_fixtures.reconcile.sampling import draw_rows
 from arl_fixtures.reconcile.screen import Candidate, Screening, all_variants, screen
 from arl_fixtures.reconcile.terms import Term, forward
 
@@ -33,7 +34,8 @@ TWIN_GAIN = 3.0
 """Of candidates that differ by less in log-likelihood the one with fewest parameters is taken."""
 MISFIT_SHARE, HIDDEN_SHARE = 0.15, 0.004
 """A further effect on a channel must gain this share of what one there gains, with and without a driver in common."""
-PRIOR_GROUPS = 20.0
+CLEAR_CONSTANT = 5.0
+"""Standard errors from which a unit's constant is worth explaining."""
 LEVEL_NAME, LEVEL_ALARM = 0.99, 0.95
 
 Progress = Callable[[str, float], None]
@@ -90,37 +92,6 @@ class Found:
     screening: Screening | None = None
 
 
-def draw_rows(columns: Columns, groups: Groups, limit: int) -> IntArray:
-    """At most about `limit` rows: some pixels and angles of every step, else every k-th row of each block."""
-    n = columns.n
-    if n <= limit:
-        return np.arange(n)
-    keep = np.ones(n, dtype=bool)
-    share = limit / n
-    levels = [code for code in (groups.pixel, groups.angle) if code is not None]
-    pixels = None if groups.pixel is None else int(groups.pixel.max()) + 1
-    if pixels is not None and pixels * share >= 24:
-        keep &= _hash(columns.group("pixel_u", "pixel_v"), 17) < share
-    elif len(levels) == 2:
-        keep &= _hash(columns.group("pixel_u", "pixel_v"), 17) < np.sqrt(share)
-        keep &= _hash(columns.codes_of("stage_angle_deg"), 5) < np.sqrt(share)
-    else:
-        order = np.lexsort((np.arange(n), groups.block))
-        place = np.arange(n)
-        keep[order] = np.floor((place + 1) * share) > np.floor(place * share)
-    rows = np.flatnonzero(keep)
-    if len(rows) < 0.5 * limit:
-        rows = np.flatnonzero(_hash(np.arange(n), 3) < share)
-    return rows
-
-
-def _hash(code: IntArray, seed: int) -> FloatArray:
-    mixed = (code.astype(np.uint64) + np.uint64(seed)) * np.uint64(0x9E3779B97F4A7C15)
-    mixed ^= mixed >> np.uint64(31)
-    mixed *= np.uint64(0xBF58476D1CE4E5B9)
-    return (mixed >> np.uint64(11)).astype(np.float64) / float(1 << 53)
-
-
 class Search:
     """Search of one table.
 
@@ -133,6 +104,7 @@ class Search:
     def __init__(self, columns: Columns, effects: Sequence[Effect], progress: Progress | None = None) -> None:
         self.progress: Progress = progress if progress is not None else (lambda _text, _share: None)
         self.columns = columns
+        columns.sweep_gap_deg, columns.frame_gap_s = typical_gaps(columns)
         self.groups = find_groups(columns)
         self.full = Problem(columns, draw_rows(columns, self.groups, FULL_ROWS), self.groups)
         self.looker = Looker(self.full)
@@ -211,6 +183,8 @@ class Search:
             screening = screen(self.small, self.variants, best.terms, with_chance=chance is None)
             chance = screening if chance is None else chance
             stage = self._round(best, screening, chance)
+            if round_number == 0:
+                stage = self._constants_explained(best, stage, chance)
             stages.append(stage)
             if stage.chosen is None:
                 break
@@ -247,6 +221,48 @@ class Search:
             chosen = None
         p_value = chance.p_value(min(ranked[0].gain, ranked[0].robust)) if ranked else 1.0
         return Stage(base=base, threshold=threshold, alarm=alarm, p_value=p_value, ranked=ranked, chosen=chosen)
+
+    def _constants_explained(self, base: Fit, stage: Stage, chance: Screening) -> Stage:
+        """Try the effects without free constants where these are large: an effect may explain the constant as well.
+
+        It must beat the constants and the best effect beside them, each with the price of its parameters.
+        """
+        shifted = [
+            d.channel.name for d in self.full.data if d.calibrated and constant_z(d, base.state) > CLEAR_CONSTANT
+        ]
+        if not shifted:
+            return stage
+        price = PRICE * sum(d.units for d in self.full.data if d.channel.name in shifted)
+        self._free_constants(shifted, free=False)
+        bare = finish(self.full, fit(self.full, ()))
+        handicap = base.log_likelihood - price - bare.log_likelihood
+        screening = screen(self.small, self.variants, ())
+        other = self._round(bare, screening, chance)
+        for r in other.ranked:
+            r.gain -= handicap
+            r.robust = min(r.robust, r.gain)
+        best_before = stage.chosen.gain if stage.chosen is not None else 0.0
+        sure = [r for r in other.ranked if min(r.gain, r.robust) > max(stage.threshold, best_before)]
+        if not sure:
+            self._free_constants(shifted, free=True)
+            return stage
+        chosen = max(sure, key=lambda r: r.gain)
+        p_value = chance.p_value(min(chosen.gain, chosen.robust))
+        return Stage(
+            base=bare,
+            threshold=stage.threshold,
+            alarm=stage.alarm,
+            p_value=p_value,
+            ranked=other.ranked,
+            chosen=chosen,
+        )
+
+    def _free_constants(self, channels: Sequence[str], *, free: bool) -> None:
+        for problem in (self.full, self.small):
+            for d in problem.data:
+                if d.channel.name in channels:
+                    d.free_constant = free
+                    d.rebuild(d.tau)
 
     def _rank_of(self, term: Term) -> int:
         """Place of a term's variant among all: effects list their drivers in physical order."""
@@ -316,6 +332,13 @@ class Search:
         return best
 
 
+def constant_z(d: ChannelData, state: State) -> float:
+    """Largest significance of a unit's constant gain or offset."""
+    values = d.constants_of(d.whitener(d.residual(state)))
+    weight = np.where(np.isfinite(d.intercept_weight), d.intercept_weight, 0.0)
+    return float(np.max(np.abs(values) * np.sqrt(weight)))
+
+
 def shortlist(candidates: Sequence[Candidate], size: int = SHORTLIST, per_effect: int = 2) -> list[Candidate]:
     """The best candidates, at most so many of one effect and one of each variant's twins."""
     counts: dict[str, int] = {}
@@ -328,46 +351,3 @@ def shortlist(candidates: Sequence[Candidate], size: int = SHORTLIST, per_effect
         if len(chosen) == size:
             break
     return chosen
-
-
-def robust_gain(problem: Problem, found: Fit, first: int, gain: float) -> float:
-    """A gain of the terms from `first` on, as a test sees it that allows for errors shared by whole groups.
-
-    The fitted change as a whole is one direction. The scores along it, summed over steps, angles or pixels, scatter
-    more than the model says where rows share errors: that ratio (sandwich over model, blended as if the model's own
-    rested on `PRIOR_GROUPS` groups) divides the gain, and Student's tail for the number of groups replaces the normal
-    one. The least favourable grouping counts.
-    """
-    if gain <= 0.0 or len(found.terms) == first:
-        return gain
-    others = forward(found.terms[:first], problem.view)
-    change = problem.whiten_change(others, found.state)
-    kept = [k for k, (index, _) in enumerate(found.keys) if index < first]
-    if kept:
-        basis, _ = np.linalg.qr(found.jacobian[:, kept])
-        change = change - basis @ (basis.T @ change)
-    power = float(change @ change)
-    if power <= 0.0:
-        return 0.0
-    worst = np.inf
-    for code in (problem.groups.step, problem.groups.angle, problem.groups.pixel, problem.groups.block):
-        if code is None:
-            continue
-        group = np.unique(problem.codes(code), return_inverse=True)[1]
-        count = int(group.max()) + 1
-        if count < 4:
-            continue
-        scores = np.bincount(group, change * found.residual, minlength=count)
-        ratio = float(scores @ scores) / power * count / (count - 1.0)
-        ratio = max((PRIOR_GROUPS + count * ratio) / (PRIOR_GROUPS + count), 1.0)
-        freedom = PRIOR_GROUPS + count - 1.0
-        worst = min(worst, _normal_gain(np.sqrt(2.0 * gain / ratio), freedom))
-    return gain if not np.isfinite(worst) else worst
-
-
-def _normal_gain(t_value: float, freedom: float) -> float:
-    """Half the square of the normal deviate with the tail probability of a Student deviate."""
-    log_tail = float(stats.t.logsf(t_value, freedom))
-    if log_tail < -650.0:
-        return -log_tail
-    return 0.5 * float(stats.norm.isf(np.exp(log_tail))) ** 2

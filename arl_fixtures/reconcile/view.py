@@ -198,7 +198,8 @@ class View:
         """Whole-table row of the same pixel `steps` stage angles further, −1 where there is none."""
         cell = self.columns.group(*_STEP, *_PIXEL, "set_temperature_c", "ramp")
         order = self.columns.numbers["stage_angle_deg"]
-        return self.columns.following(("sweep", steps), cell, order, steps)[self.rows]
+        place = self.columns.following(("sweep", steps), cell, order, steps)[self.rows]
+        return self._near(place, order, self.columns.sweep_gap_deg * abs(steps))
 
     def acquired_before(self, state: State, channel: str, *, frames: int = 1) -> FloatArray:
         """Value of the same pixel `frames` stage positions *earlier in time* (`time_s`; by angle where absent)."""
@@ -208,7 +209,15 @@ class View:
         """Whole-table row of the same pixel `frames` stage positions earlier in time, −1 where there is none."""
         cell = self.columns.group(*_STEP, *_PIXEL)
         name = "time_s" if self.varies("time_s") else "stage_angle_deg"
-        return self.columns.following(("acquired", frames), cell, self.columns.numbers[name], -frames)[self.rows]
+        place = self.columns.following(("acquired", frames), cell, self.columns.numbers[name], -frames)[self.rows]
+        gap = self.columns.frame_gap_s if name == "time_s" else self.columns.sweep_gap_deg
+        return self._near(place, self.columns.numbers[name], gap * frames)
+
+    def _near(self, place: IntArray, order: FloatArray, gap: float) -> IntArray:
+        """Places without those that lie farther away than neighbours do: a hole in the sweep is no neighbour."""
+        if not np.isfinite(gap):
+            return place
+        return np.where(np.abs(order[place] - order[self.rows]) <= gap, place, -1)
 
     def step_before(self, state: State, channel: str) -> FloatArray:
         """Value of the same pixel and angle in the step before; NaN in the first step."""

@@ -1,0 +1,56 @@
+"""A gain of likelihood as a test sees it that allows for errors shared by steps, angles or pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import stats
+
+from arl_fixtures.reconcile.fit import Fit
+from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.terms import forward
+
+PRIOR_GROUPS = 20.0
+"""Groups on which the noise model's own covariance counts as resting."""
+
+
+def robust_gain(problem: Problem, found: Fit, first: int, gain: float) -> float:
+    """A gain of the terms from `first` on, as a test sees it that allows for errors shared by whole groups.
+
+    The fitted change as a whole is one direction. The scores along it, summed over steps, angles or pixels, scatter
+    more than the model says where rows share errors: that ratio (sandwich over model, blended as if the model's own
+    rested on `PRIOR_GROUPS` groups) divides the gain, and Student's tail for the number of groups replaces the normal
+    one. The least favourable grouping counts.
+    """
+    if gain <= 0.0 or len(found.terms) == first:
+        return gain
+    others = forward(found.terms[:first], problem.view)
+    change = problem.whiten_change(others, found.state)
+    kept = [k for k, (index, _) in enumerate(found.keys) if index < first]
+    if kept:
+        basis, _ = np.linalg.qr(found.jacobian[:, kept])
+        change = change - basis @ (basis.T @ change)
+    power = float(change @ change)
+    if power <= 0.0:
+        return 0.0
+    worst = np.inf
+    for code in (problem.groups.step, problem.groups.angle, problem.groups.pixel, problem.groups.block):
+        if code is None:
+            continue
+        group = np.unique(problem.codes(code), return_inverse=True)[1]
+        count = int(group.max()) + 1
+        if count < 4:
+            continue
+        scores = np.bincount(group, change * found.residual, minlength=count)
+        ratio = float(scores @ scores) / power * count / (count - 1.0)
+        ratio = max((PRIOR_GROUPS + count * ratio) / (PRIOR_GROUPS + count), 1.0)
+        freedom = PRIOR_GROUPS + count - 1.0
+        worst = min(worst, _normal_gain(np.sqrt(2.0 * gain / ratio), freedom))
+    return gain if not np.isfinite(worst) else worst
+
+
+def _normal_gain(t_value: float, freedom: float) -> float:
+    """Half the square of the normal deviate with the tail probability of a Student deviate."""
+    log_tail = float(stats.t.logsf(t_value, freedom))
+    if log_tail < -650.0:
+        return -log_tail
+    return 0.5 * float(stats.norm.isf(np.exp(log_tail))) ** 2
