@@ -31,7 +31,7 @@ class RailCoupling(LightFactor):
 
     def variants(self, view: View) -> Iterable[Variant]:
         """One per rail; other voltages where no column is called a rail."""
-        volts = [*view.covariates("_v")]
+        volts = [name for name in view.covariates("_v") if name != "pixel_v"]
         rails = [name for name in volts if name.startswith("rail_")] or [name for name in volts if "tec" not in name]
         for channel in signals(view)[:1]:
             for rail in rails[:_MOST_RAILS]:
