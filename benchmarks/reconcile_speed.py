@@ -39,12 +39,13 @@ class Cost(NamedTuple):
 def large_table(rows: int, path: Path, seed: int = 3) -> None:
     """Write a table of `rows` rows and 40 columns: cycle after cycle of the bench, with decay and a timing drift.
 
-    One cycle is 20 832 rows (3 DUTs, 16 steps, 31 angles, 14 pixels), so memory stays bounded while it is written.
+    One cycle is at most 20 832 rows (3 DUTs, 16 steps, 31 angles, 14 pixels), so memory stays bounded while it is
+    written; smaller tables have fewer pixels, so that they too hold several cycles.
     """
     rng = np.random.default_rng(seed)
-    design = Design(
-        steps=tuple(range(0, 39, 2))[:16], angles_deg=np.arange(-27.0, 27.1, 1.8), pixels=random_pixels(rng, 14)
-    )
+    steps, angles_deg = tuple(range(0, 39, 2))[:16], np.arange(-27.0, 27.1, 1.8)
+    count = int(np.clip(rows // (5 * 3 * len(steps) * angles_deg.size), 2, 14))
+    design = Design(steps=steps, angles_deg=angles_deg, pixels=random_pixels(rng, count))
     nominal = lay_out(design, rng)
     light = illuminate(nominal, Reality())
     sim = expect(nominal, Reality(), light)
