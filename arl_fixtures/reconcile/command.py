@@ -25,6 +25,7 @@ from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.search import Progress as ProgressCall
 from arl_fixtures.reconcile.table import load_table, open_table, sha256_of
 from arl_fixtures.reconcile.view import View
+from arl_fixtures.reconcile.visibility import invisible_effects
 
 CHUNK = 250_000
 
@@ -43,6 +44,7 @@ def reconcile(table_path: Path, out_dir: Path, progress: ProgressCall | None = N
     columns = load_table(table_path)
     rows = open_table(table_path).metadata.num_rows
     diagnosis, model, decision = diagnose(columns, sha256=sha256_of(table_path), rows=rows, progress=progress)
+    diagnosis.invisible.update(invisible_effects(decision))
     if progress is not None:
         progress("writing", 0.92)
     try:

@@ -17,8 +17,9 @@ from markupsafe import Markup
 from arl_fixtures.reconcile import page_words as words
 from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray
 from arl_fixtures.reconcile.decide import Decision
-from arl_fixtures.reconcile.diagnosis import Diagnosis, Finding
+from arl_fixtures.reconcile.diagnosis import ChannelFit, Diagnosis, Finding
 from arl_fixtures.reconcile.effect import Kind, State
+from arl_fixtures.reconcile.findings import mean_square
 from arl_fixtures.reconcile.grouping import Groups
 from arl_fixtures.reconcile.page_data import Mismatch
 from arl_fixtures.reconcile.page_figures import bars
@@ -95,20 +96,25 @@ class _Maker:
     # ---- sentences and tables --------------------------------------------------------------------------------
 
     def matters(self) -> list[tuple[str, str]]:
-        """How much it matters, channel by channel."""
+        """How much it matters, channel by channel; of a large table on rows that the search never looked at."""
         touched = {c for f in self.diagnosis.findings for c in f.channels}
         made = []
-        for d in self.decision.problem.data:
-            fit = self.diagnosis.fit.get(d.channel.name)
-            if fit is not None and d.channel.name in touched:
-                m = next(m for m in self.mismatches if m.data is d)
-                size = _size_text(d, m.change(self.before, self.after)).replace(
-                    "it touches", "that the findings touch"
-                )
-                text = words.matters(
-                    fit, min(d.spread**2, fit.after), constants=d.channel.name in self.diagnosis.constants
-                )
-                made.append((d.channel.name, f"{size[:1].upper()}{size[1:]} {text}".strip()))
+        for m in self.pictured:
+            d, name = m.data, m.data.channel.name
+            fit = self.diagnosis.fit.get(name)
+            if fit is None or name not in touched:
+                continue
+            seen = ""
+            if self.shown.fresh:
+                seen = f"On {words.counted(self.shown.problem.view.n)} rows that the search never looked at"
+                before, after = mean_square(d, self.shown.before), mean_square(d, self.shown.after, centred=True)
+                fit = ChannelFit(before=before, after=after, unexplained=fit.unexplained)
+            size = _size_text(d, m.change(self.shown.before, self.shown.after))
+            size = size.replace("it touches", "that the findings touch")
+            text = words.matters(
+                fit, min(d.spread**2, fit.after), constants=name in self.diagnosis.constants, seen=seen
+            )  # fmt: skip
+            made.append((name, f"{size[:1].upper()}{size[1:]} {text}".strip()))
         return made
 
     def constants(self) -> list[tuple[str, str, str]]:
@@ -122,17 +128,22 @@ class _Maker:
     def facts(self) -> list[tuple[str, str]]:
         """What the table holds."""
         columns, problem = self.decision.problem.columns, self.decision.problem
-        rows = f"{self.diagnosis.rows}"
+        rows = words.counted(self.diagnosis.rows)
         if self.view.n < self.diagnosis.rows:
-            rows += f" ({self.view.n} of them were searched, evenly drawn"
-            rows += f"; the pictures show {self.shown.problem.view.n} others)" if self.shown.fresh else ")"
+            rows += f" ({words.counted(self.view.n)} of them were searched, evenly drawn"
+            rows += (
+                f"; the pictures show {words.counted(self.shown.problem.view.n)} others)" if self.shown.fresh else ")"
+            )
         made = [("Rows", rows)]
         for d in problem.data:
             noise = "" if d.stated_known else "; the simulation states no noise, it was estimated"
             wider = f"; rows scatter {d.spread:.2g} times as much as stated" if d.spread > 1.15 else ""
             unit = words.unit_text(d.channel.unit)
             made.append(
-                (f"Channel {d.channel.name}", f"{unit or 'no unit'}, {len(d.use)} rows compared{noise}{wider}")
+                (
+                    f"Channel {d.channel.name}",
+                    f"{unit or 'no unit'}, {words.counted(len(d.use))} rows compared{noise}{wider}",
+                )
             )
         for label, names in (
             ("DUTs", ("dut",)), ("Cycles", ("cycle",)), ("Steps", ("dut", "cycle", "step")),
@@ -213,11 +224,7 @@ class _Maker:
 
     def unseen(self) -> list[tuple[str, list[str]]]:
         """Reasons why this table could not have shown some effects, and their ids."""
-        made = dict(self.diagnosis.invisible)
-        tried = {effect.id for effect, _ in self.decision.search.variants}
-        for effect in self.decision.effects:
-            if effect.id not in tried and effect.id not in made and not any(True for _ in effect.variants(self.view)):
-                made[effect.id] = "the table lacks the columns it needs, or they do not vary"
+        made = self.diagnosis.invisible
         reasons = dict.fromkeys(reason for _, reason in sorted(made.items()))
         return [(reason, [e for e, r in sorted(made.items()) if r == reason]) for reason in reasons]
 

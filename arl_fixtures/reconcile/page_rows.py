@@ -14,7 +14,7 @@ from arl_fixtures.reconcile.decide import Decision
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.features import features_of
 from arl_fixtures.reconcile.pilot import TAIL_Z
-from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.problem import Problem, carry_gains
 from arl_fixtures.reconcile.terms import forward
 
 SHOWN_ROWS = 60_000
@@ -55,6 +55,7 @@ def shown_rows(decision: Decision) -> Shown:
         for law in decision.laws:
             after[law.channel] = after[law.channel] + law.correction(features, after[law.channel])
     _weigh_alike(problem, searched, after)
+    carry_gains(problem, after)
     return Shown(problem=problem, before=problem.view.fresh_state(), after=after, fresh=True)
 
 

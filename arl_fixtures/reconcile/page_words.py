@@ -46,6 +46,11 @@ def with_interval(p: ParameterValue) -> tuple[str, str, str]:
     return value, low, high
 
 
+def counted(count: int) -> str:
+    """A count in groups of three digits, with narrow spaces that do not break."""
+    return f"{count:,}".replace(",", "\u202f")
+
+
 def share(value: float) -> str:
     """A share in per cent, never a rounded-up hundred."""
     percent = 100.0 * value
@@ -143,15 +148,19 @@ def constant(value: float, channel: Channel) -> str:
     return f"offset {plain(factor * value)} {unit}".rstrip()
 
 
-def matters(fit: ChannelFit, floor: float, *, constants: bool) -> str:
-    """How much of a channel's mismatch the findings take away, on rows that took no part."""
-    noise = "1 is what the simulation's own noise gives"
+def matters(fit: ChannelFit, floor: float, *, constants: bool, seen: str = "") -> str:
+    """How much of a channel's mismatch the findings take away; `seen` says on which rows that took no part."""
+    noise, seen = "1 is what the simulation's own noise gives", seen or "On rows that took no part in fitting"
+    if fit.after > 1.02 * fit.before:
+        return (
+            f"{seen} the mean square mismatch grows with the findings from "
+            f"{plain(fit.before)} to {plain(fit.after)} ({noise}): they do not hold there."
+        )
     if not fit.after < 0.995 * fit.before:
         return f"The mean square mismatch stays at {plain(fit.before)} ({noise})."
     both = "the findings and the constants listed below" if constants else "the findings"
     text = (
-        f"On rows that took no part in fitting, {both} bring the mean square mismatch from {plain(fit.before)} "
-        f"down to {plain(fit.after)} ({noise})"
+        f"{seen}, {both} bring the mean square mismatch from {plain(fit.before)} down to {plain(fit.after)} ({noise})"
     )
     if fit.unexplained > MUCH_LEFT:
         text += f", but {share(fit.unexplained)} of what the table's columns could predict stays unexplained"

@@ -1,0 +1,52 @@
+"""What a table could not have shown: by its columns, by its noise, by the calibration."""
+
+import re
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from arl_fixtures.reconcile.library import library
+from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.table import columns_of
+from arl_fixtures.reconcile.visibility import NO_COLUMNS, NO_TRACE, invisible_effects
+
+WATCHED = ("timing.clock_scale", "timing.temperature_offset", "detector.crosstalk", "electronics.rail_coupling")
+
+
+def ask(columns, *effects):
+    table = pa.table({n: pa.array(v.tolist() if v.dtype.kind == "U" else v) for n, v in columns.items()})
+    _, _, decision = diagnose(columns_of(table), effects=[library()[e] for e in effects])
+    return invisible_effects(decision)
+
+
+def noisier(columns, factor):
+    """The same table with `factor` times the noise in distance, stated so."""
+    rng = np.random.default_rng(9)
+    std = columns["sim_distance_m_std"] * factor
+    return {
+        **columns,
+        "sim_distance_m_std": std,
+        "sim_distance_m_repeat_std": columns["sim_distance_m_repeat_std"] * factor,
+        "distance_m": columns["sim_distance_m"] + std / np.sqrt(columns["n_frames"]) * rng.normal(size=len(std)),
+    }
+
+
+def test_effects_without_their_columns_or_neighbours_could_not_be_seen(make_table):
+    reasons = ask(make_table(1), *WATCHED)
+    assert reasons["electronics.rail_coupling"] == NO_COLUMNS
+    assert reasons["detector.crosstalk"] == NO_TRACE  # no two of the table's pixels are neighbours
+    assert "timing.temperature_offset" not in reasons
+
+
+def test_the_smallest_visible_size_grows_with_the_noise(make_table):
+    sizes = []
+    for factor in (20.0, 40.0):
+        reason = ask(noisier(make_table(1), factor), "timing.temperature_offset")["timing.temperature_offset"]
+        assert "would show only beyond" in reason
+        sizes.append(float(re.search(r"beyond ([\d.e+-]+)", reason).group(1)))
+    assert sizes[1] / sizes[0] == pytest.approx(2.0, rel=0.2)
+
+
+def test_an_effect_that_was_found_is_not_called_invisible(make_table, walk):
+    assert "timing.range_walk" not in ask(make_table(2, walk), "timing.range_walk")
