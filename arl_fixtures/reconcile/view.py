@@ -171,7 +171,7 @@ class View:
 
         With `flip_u=False` or `flip_v=False` the image is mirrored about one axis only.
         """
-        u, v = self.number("pixel_u"), self.number("pixel_v")
+        u, v = self._whole_axis("pixel_u")[self.rows], self._whole_axis("pixel_v")[self.rows]
         target_u = 2.0 * u0 - u if flip_u else u
         target_v = 2.0 * v0 - v if flip_v else v
         low_u, low_v = np.floor(target_u), np.floor(target_v)
@@ -270,13 +270,19 @@ class View:
 
     def _image_shift(self, du: int, dv: int) -> IntArray:
         if (du, dv) not in self._places:
-            self._places[du, dv] = self._image_place(self.number("pixel_u") + du, self.number("pixel_v") + dv)
+            u, v = self._whole_axis("pixel_u")[self.rows], self._whole_axis("pixel_v")[self.rows]
+            self._places[du, dv] = self._image_place(u + du, v + dv)
         return self._places[du, dv]
+
+    def _whole_axis(self, name: str) -> FloatArray:
+        """Pixel column or row of the whole table; 0 where a line sensor has none."""
+        values = self.columns.numbers.get(name)
+        return np.zeros(self.columns.n) if values is None or not np.isfinite(values).any() else values
 
     def _image_place(self, u: FloatArray, v: FloatArray) -> IntArray:
         """Whole-table row of pixel (u, v) in each row's own image; −1 where there is none."""
         table = self.columns
-        all_u, all_v = table.numbers["pixel_u"], table.numbers["pixel_v"]
+        all_u, all_v = self._whole_axis("pixel_u"), self._whole_axis("pixel_v")
         u_low, v_low = int(np.nanmin(all_u)), int(np.nanmin(all_v))
         width, height = int(np.nanmax(all_u)) - u_low + 1, int(np.nanmax(all_v)) - v_low + 1
         inside = (u >= u_low) & (u < u_low + width) & (v >= v_low) & (v < v_low + height)
@@ -293,7 +299,7 @@ class View:
     def _image_cell(self, u_low: int, v_low: int, width: int, height: int) -> IntArray:
         """Cell (image, row, column) of every row of the whole table; −1 where the pixel is not known."""
         table = self.columns
-        u, v = table.numbers["pixel_u"], table.numbers["pixel_v"]
+        u, v = self._whole_axis("pixel_u"), self._whole_axis("pixel_v")
         cell = (table.group(*_FRAME) * height + (v - v_low)) * width + (u - u_low)
         return np.nan_to_num(cell, nan=-1.0).astype(np.int64)
 
