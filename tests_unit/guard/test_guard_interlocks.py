@@ -3,12 +3,12 @@
 import contextlib
 
 import pytest
+from real_processes import assert_safe_within, go_on, is_safe, reap, until
 
 from arl_fixtures.bench.build import open_bench
 from arl_fixtures.errors import DeviceError, HoldError, InterlockError
 from arl_fixtures.guard.acknowledge import acknowledge
 from arl_fixtures.guard.runtime import read_stop
-from conftest import assert_safe_within, go_on, is_safe, reap, until
 
 HOLD = """
 guard:

@@ -4,8 +4,7 @@ import os
 import signal
 
 import pytest
-
-from conftest import assert_safe_within, go_on, is_safe, reap, until
+from real_processes import assert_safe_within, go_on, is_safe, reap, until
 
 
 @pytest.fixture(scope="module")

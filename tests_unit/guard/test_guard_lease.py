@@ -7,12 +7,12 @@ import sys
 from pathlib import Path
 
 import pytest
+from real_processes import assert_safe_within, go_on, is_safe, reap, until, zombie
 
 from arl_fixtures.bench.build import open_bench
 from arl_fixtures.errors import DataError, InterlockError, StorageError
 from arl_fixtures.guard.guarding import open_guard
 from arl_fixtures.guard.runtime import Lease, Places, StopReport, read_stop, write_stop
-from conftest import assert_safe_within, go_on, is_safe, reap, until, zombie
 
 
 @pytest.fixture(scope="module")
