@@ -77,7 +77,8 @@ def _banner(cycles: Sequence[Cycle]) -> str:
             who = record.identity
             said[
                 f"RE-JUDGEMENT: the measurements of {shown(record.begin.rejudged_from)} were judged anew against "
-                f"limits '{shown(who.limits_name)}' (SHA-256 {who.limits_sha256[:12]}…). Verdicts are not those of the test."
+                f"limits '{shown(who.limits_name)}' (SHA-256 {who.limits_sha256[:12]}…). "
+                "Verdicts are not those of the test."
             ] = None
         expired = sections.expired_instruments(cycle)
         if expired:
