@@ -60,7 +60,7 @@ class ProfileChange(LightFactor):
                     if kind == "edge":
                         parameters.append(shape("order", "1", 1.5, 8.0, 3.0))
                     if kind == "centre":
-                        parameters = [amplitude("centre", "1", -2.0, 0.95, 0.05), shape("radius", "1", 0.1, 2.0, 0.5)]
+                        parameters = [amplitude("centre", "1", -2.0, 0.95, 0.05), shape("radius", "1", 0.1, 0.7, 0.5)]
                     yield Variant(
                         effect=self.id,
                         options={"channel": channel, "kind": kind, "driver": driver, **_scale(view, driver)},
