@@ -38,7 +38,7 @@ class PixelResponse(Effect):
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Multiplies the response of every pixel."""
-        gain = 1.0 + np.nan_to_num(np.asarray(values["gain"], dtype=np.float64))
+        gain = np.maximum(1.0 + np.nan_to_num(np.asarray(values["gain"], dtype=np.float64)), 0.01)
         channel = str(variant.options["channel"])
         set_response(state, channel, state[channel] * gain, gain)
 
