@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import final
 
 from arl_fixtures.bench.profile import CycleStep
 from arl_fixtures.devices.port import Clock
-from arl_fixtures.errors import ArlError, DataError
+from arl_fixtures.errors import ArlError
 from arl_fixtures.journal import entries
 from arl_fixtures.journal.journal import Journal
 from arl_fixtures.journal.record import AttemptRecord, SessionRecord, read_journal
 from arl_fixtures.journal.resume import check_same, damaged_bags, new_journal_path, newest_journal
 from arl_fixtures.plugin.journaling import identity, session_begin
 from arl_fixtures.plugin.setup import SessionFiles
-from arl_fixtures.recording.bag_folder import PART_SUFFIX
+from arl_fixtures.recording.bag_folder import PART_SUFFIX, bag_sha256
 from arl_fixtures.recording.names import bag_name
 from arl_fixtures.recording.recover import RECOVERED_SUFFIX, recover
+from arl_fixtures.recording.scan import McapScan
 
 
 @final
@@ -39,18 +40,11 @@ class Past:
         """The newest journal in the output folder where the user asked to resume.
 
         Raises:
-            DataError: there is none, it is damaged, or a safe stop waits for its acknowledgement.
+            DataError: there is none, or it is damaged.
         """
         if not resume:
             return cls()
         record = read_journal(newest_journal(out))
-        waiting = record.unacknowledged()
-        if waiting:
-            seq, stop = waiting[0]
-            raise DataError(
-                f"{record.path}:{seq + 1}: the bench was brought into its safe state ({stop.cause}); "
-                "look at it, then acknowledge with `arl ack`"
-            )
         return cls(record, {bag.step_id: reason for bag, reason in damaged_bags(record)})
 
     @property
@@ -95,7 +89,12 @@ class Past:
         check_same(self.record, now)
         journal = Journal.resume(self.record.path, now, clock, reason="resumed with --resume")
         cut = [attempt for attempt in self.record.attempts if not attempt.finished]
-        journal_lines: list[entries.JournalModel] = []
+        # the guard lets nobody drive a bench whose stop was not acknowledged: it has been
+        journal_lines: list[entries.JournalModel] = [
+            entries.Acknowledgement(of_seq=seq, by="guard", note="the guard let the bench be driven again")
+            for seq, _ in self.record.unacknowledged()
+        ]
+        known = {line.entry.path for line in self.record.lines if isinstance(line.entry, entries.Recovery)}
         for attempt in cut:
             begin = attempt.begin
             if attempt.end is None:
@@ -108,32 +107,46 @@ class Past:
                         reason="the session ended within this attempt",
                     )
                 )
-            journal_lines += _recovered(out, begin)
+            journal_lines += _recovered(out, begin, known)
         if journal_lines:
             journal.append_many(journal_lines)
         return journal
 
 
-def _recovered(out: Path, begin: entries.StepBegin) -> list[entries.JournalModel]:
-    """Keep what is whole of an unfinished attempt's bag, once."""
-    name = bag_name(begin.step_id, begin.attempt)
-    part = out / "bags" / (name + PART_SUFFIX)
-    kept = out / "bags" / (name + RECOVERED_SUFFIX)
-    if not part.is_dir() or kept.exists():
+def _recovered(out: Path, begin: entries.StepBegin, known: Set[str]) -> list[entries.JournalModel]:
+    """Keep what is whole of an unfinished attempt's bag, under a name that tells it from a finished one.
+
+    Args:
+        out: folder of the journal.
+        begin: the attempt.
+        known: recovered bags that the journal holds already.
+    """
+    bags, name = out / "bags", bag_name(begin.step_id, begin.attempt)
+    whole, part, kept = bags / name, bags / (name + PART_SUFFIX), bags / (name + RECOVERED_SUFFIX)
+    if kept.name in known:
         return []
     try:
-        recovery = recover(part, kept)
-    except ArlError as error:
-        return [entries.Note(text=f"nothing could be recovered of {part.name}: {error}")]
+        if kept.is_dir():
+            source, fault = kept, "kept by an earlier session that died before it could say so"
+        elif whole.is_dir():
+            whole.rename(kept)
+            source, fault = whole, "whole, but its values were never journalled"
+        elif part.is_dir():
+            source, fault = part, recover(part, kept).fault
+        else:
+            return []
+        sha256, count = bag_sha256(kept), sum(1 for file in kept.glob("*.mcap") for _ in McapScan(file).messages())
+    except (ArlError, OSError) as error:
+        return [entries.Note(text=f"nothing could be recovered of {name}: {error}")]
     return [
         entries.Recovery(
             step_id=begin.step_id,
             attempt=begin.attempt,
-            source=part.name,
+            source=source.name,
             path=kept.name,
-            sha256=recovery.sha256,
-            message_count=sum(recovery.messages.values()),
-            fault=recovery.fault,
+            sha256=sha256,
+            message_count=count,
+            fault=fault,
         )
     ]
 
