@@ -91,7 +91,7 @@ class ProcessGuard:
         beat_s = min(config.guard.heartbeat_timeout_s / _BEATS_PER_TIMEOUT, _LONGEST_BEAT_S)
         self.lines: Lines | None = GuardedLines(config, link, BeatingClock(clock, link, beat_s), lab)
         self.last_stop = link.last_stop or ""
-        self._pausing = False
+        self._pausing = self._ended = False
 
     @property
     def pid(self) -> int:
@@ -136,7 +136,7 @@ class ProcessGuard:
 
     def close(self) -> None:
         """Good-bye: the guard makes the bench safe if it is not yet."""
-        if not self._link.lost:
+        if not self._link.lost and not self._ended:
             with contextlib.suppress(InterlockError):
                 self._link.ask("bye", wait_s=_BYE_S)
         self._link.close()
@@ -165,6 +165,7 @@ class ProcessGuard:
             answer = self._link.ask("bye", wait_s=_BYE_S)
         except InterlockError:
             return None
+        self._ended = True
         return [f"{step} failed: {why}" for step, why in answer.header["unverified"].items()]
 
 

@@ -15,6 +15,7 @@ from arl_fixtures.bench.guard_settings import Action
 from arl_fixtures.devices.port import Clock, StreamPort
 from arl_fixtures.errors import ArlError, DeviceLostError, InterlockError
 from arl_fixtures.guard.core import Request
+from arl_fixtures.guard.runtime import started
 from arl_fixtures.lab.client import ERRORS, LabClock, Unsent
 from arl_fixtures.lab.framing import Link, Message, PeerLostError
 
@@ -43,7 +44,7 @@ class GuardLink:
 
     def __init__(self, link: Link, pid: int, *, sha256: str, clock: Clock, lab: int, patience_s: float) -> None:
         self._link, self.pid, self._clock = link, pid, clock
-        self._patience_s = patience_s
+        self._patience_s, self._started = patience_s, started(pid)
         self.lost = ""
         self.unsent: Unsent | None = None
         self._announced = False
@@ -148,8 +149,9 @@ class GuardLink:
         self.unsent = None
         self.lost = f"the guard (process {self.pid}) is gone: {why}"
         self._link.close()
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.kill(self.pid, signal.SIGKILL)
+        if started(self.pid) == self._started:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.kill(self.pid, signal.SIGKILL)
 
 
 @final

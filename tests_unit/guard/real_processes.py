@@ -173,7 +173,8 @@ def lab(tmp_path_factory):
     near = "emulation: {plant: {stage_start_deg: -70}}"
     file.write_text(BENCH.format(name="lab", duts=BUILT_IN.parent / "duts", guard=near))
     config = load_bench(str(file))
-    pid = fork(lambda: run_lab(config, path, grace_s=0.4))
+    # long enough that a machine under load does not count as a guard that hangs
+    pid = fork(lambda: run_lab(config, path, grace_s=1.5))
     until(path.is_socket, "the lab listens")
     yield path
     os.kill(pid, signal.SIGTERM)
