@@ -21,7 +21,8 @@ test: setup
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest tests_unit tests_bench -q
+	$(BIN)/python -m pytest tests_unit -q -n 2 --dist loadfile
+	$(BIN)/python -m pytest tests_bench -q
 
 cycle: setup
 	$(BIN)/python -m pytest -m cycle tests_bench --bench $(BENCH) --profile $(PROFILE) --out $(OUT) \
