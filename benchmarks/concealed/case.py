@@ -7,7 +7,12 @@ import numpy as np
 
 from benchmarks.concealed.effect import Effect
 from benchmarks.concealed.flash import Expected
-from benchmarks.concealed.likelihood import common_scatter_information, mean_information, scatter_information
+from benchmarks.concealed.likelihood import (
+    common_scatter_information,
+    mean_information,
+    mean_information_unknown_repeat,
+    scatter_information,
+)
 from benchmarks.concealed.sensor import Sensor
 
 BANDS = {"faint": (4.5, 8.0), "moderate": (8.0, 20.0), "strong": (20.0, 300.0)}
@@ -83,6 +88,14 @@ def calibrated(sensor: Sensor, sim: Expected, truth: Expected, kind: str, fit: n
     return Expected(mean, sim.std, sim.valid)
 
 
+def _free_scale(sensor: Sensor, channel: str, sim: Expected, scale: np.ndarray | None) -> tuple[np.ndarray, float]:
+    """Shape of a group's shared scatter that the table does not declare, and its true size in that shape."""
+    if scale is not None:
+        return scale, 1.0
+    mean = sim.mean[channel]
+    return (np.abs(mean) if channel in sensor.gain_nuisance else np.ones(mean.size)), 0.0
+
+
 def visibility_by_channel(
     sensor: Sensor, effect: Effect, amount: float, conceal: Concealment, seen: np.ndarray
 ) -> dict[str, float]:
@@ -113,7 +126,11 @@ def visibility_by_channel(
         shift = np.where(seen, truth.mean[channel] - adjusted.mean[channel], np.nan)
         sigma = np.where(seen, sim.std[channel] / np.sqrt(sensor.n_frames), np.nan)
         nuisance = nuisance_of(sensor, channel, sim.mean[channel])
-        found[channel] = mean_information(shift, sigma, scale[channel], sensor.group, nuisance)
+        if conceal.repeat == "declared" and scale[channel] is not None:
+            found[channel] = mean_information(shift, sigma, scale[channel], sensor.group, nuisance)
+        else:
+            shape, true = _free_scale(sensor, channel, sim, scale[channel])
+            found[channel] = mean_information_unknown_repeat(shift, sigma, shape, true, sensor.group, nuisance)
         if conceal.with_std:
             found[channel] += scatter_information(std[seen], sim.std[channel][seen], frames[seen] - 1.0)
     return found

@@ -51,6 +51,37 @@ def mean_information(
     return float(w @ w)
 
 
+def mean_information_unknown_repeat(
+    shift: np.ndarray,
+    sigma: np.ndarray,
+    shape: np.ndarray,
+    true_scale: float,
+    group: np.ndarray,
+    nuisance: np.ndarray | None,
+) -> float:
+    """λ² of a shift where nobody says how much a group shares: that scatter is free when the shift is denied.
+
+    A null with more shared scatter explains a shift that follows the groups: the expected 2 Δ log L is least, over
+    the null's scale τ (times `shape`), of the shift's energy under τ plus what the wrong τ itself costs.
+    """
+    seen = np.isfinite(shift) & np.isfinite(sigma)
+    shift, sigma, shape, group = shift[seen], sigma[seen], shape[seen], group[seen]
+    nuisance = None if nuisance is None else nuisance[seen]
+    _, where = np.unique(group, return_inverse=True)
+    weight = np.bincount(where, weights=(shape / sigma) ** 2)
+    true = true_scale**2 * weight
+    # the largest scale that could matter carries the whole shift
+    top = float(np.sqrt(np.sum((shift / sigma) ** 2) / max(weight.sum(), 1e-300)))
+    scales = true_scale + np.concatenate([[0.0], top * np.geomspace(0.02, 3.0, 14)])
+    costs = []
+    for scale in scales:
+        null = scale**2 * weight
+        excess = (true - null) / (1 + null)
+        wrong = excess - np.log1p(excess)
+        costs.append(float(wrong.sum()) + mean_information(shift, sigma, scale * shape, group, nuisance))
+    return max(min(costs), 0.0)
+
+
 def scatter_information(std: np.ndarray, sim_std: np.ndarray, frames: np.ndarray | float) -> float:
     """λ² of a change of one-frame scatter.
 

@@ -64,6 +64,8 @@ PAIRABLE = (
     "timing.thermal_lag",
     "target.reflectance_error",
 )
+# together they are what a dead time does
+ONE_NAME_FOR_BOTH = {"detector.compression", "timing.range_walk"}
 OWN_DESIGN = ("laser.power_decay", "electronics.rail_coupling", "timing.thermal_lag", "beam.profile_shift")
 SENSORS: dict[str, Callable[[np.random.Generator, Any], Sensor]] = {
     "flash": flash,
@@ -178,6 +180,8 @@ def pairs(rng: np.random.Generator, count: int) -> list[Order]:
             one, two = (free[i] for i in rng.choice(len(free), size=2, replace=False))
             masked = len(batch) % 3 == 2  # what masks shares the channel with what it hides
             alike = one.effect.startswith("timing.") == two.effect.startswith("timing.")
+            if {one.effect, two.effect} == ONE_NAME_FOR_BOTH:
+                continue
             if not (one.effect in OWN_DESIGN and two.effect in OWN_DESIGN) and (alike or not masked):
                 break
         # the one that needs its own design brings it

@@ -7,7 +7,7 @@ from benchmarks.concealed.assemble import build
 from benchmarks.concealed.case import Concealment, band_of, visibility
 from benchmarks.concealed.designs import sparse
 from benchmarks.concealed.generate import write_batch
-from benchmarks.concealed.likelihood import mean_information, whiten
+from benchmarks.concealed.likelihood import mean_information, mean_information_unknown_repeat, whiten
 from benchmarks.concealed.lookalikes import lookalikes
 from benchmarks.concealed.plan import BANDS, LIBRARY, SENSORS, UNKNOWN, Order, make, stated
 from benchmarks.concealed.run_tool import Answer, channels_of
@@ -176,3 +176,19 @@ def test_the_oracle_finds_the_look_alike_of_a_coupled_temperature_and_no_other()
     # laser and detector temperature are one straight line of the other in this design
     alike = lookalikes(rng, sensor, gain.make(rng, sensor.rows, design), 3e-4, Concealment(), seen, rivals)
     assert alike == ["laser.thermal_rolloff"]
+
+
+def test_a_shift_of_whole_steps_is_hard_to_see_where_their_repeatability_is_unknown():
+    group = np.repeat(np.arange(20), 100)
+    sigma, ones = np.ones(group.size), np.ones(group.size)
+    drift = 0.5 * np.linspace(-1, 1, 20)[group]
+    known = mean_information(drift, sigma, None, group, None)
+    unknown = mean_information_unknown_repeat(drift, sigma, ones, 0.0, group, None)
+    # twenty groups are twenty witnesses: log of the variance ratio, not 2 000 rows
+    between = np.mean((0.5 * np.linspace(-1, 1, 20)) ** 2) * 100
+    assert unknown == pytest.approx(20 * np.log1p(between), rel=0.05)
+    assert unknown < known / 3
+    within = np.tile(np.linspace(-0.2, 0.2, 100), 20)
+    assert mean_information_unknown_repeat(within, sigma, ones, 0.0, group, None) == pytest.approx(
+        mean_information(within, sigma, None, group, None), rel=0.01
+    )
