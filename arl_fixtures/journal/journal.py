@@ -52,9 +52,20 @@ class Journal:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise StorageError(f"{path.parent}: cannot create: {error.strerror}") from None
-        journal = cls(path, _open(path, os.O_CREAT | os.O_EXCL), clock, seq=0, size=0, prev=FIRST)
+        # it gets its name with its first line in it: no death leaves a journal that cannot be read
+        unborn = path.with_name(f".{path.name}.new")
+        journal = cls(path, _open(unborn, os.O_CREAT), clock, seq=0, size=0, prev=FIRST)
         with journal._closing_on_error():
+            os.ftruncate(journal._descriptor, 0)
             journal.append(begin)
+            try:
+                path.hardlink_to(unborn)
+            except FileExistsError:
+                raise StorageError(f"{path}: journal exists already and is not overwritten") from None
+            except OSError as error:
+                raise StorageError(f"{path}: cannot create: {error.strerror}") from None
+            finally:
+                unborn.unlink(missing_ok=True)
             _sync_folder(path.parent)
         return journal
 
@@ -161,8 +172,6 @@ class Journal:
 def _open(path: Path, flags: int) -> int:
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC | flags, 0o644)
-    except FileExistsError:
-        raise StorageError(f"{path}: journal exists already and is not overwritten") from None
     except OSError as error:
         raise StorageError(f"{path}: cannot open journal: {error.strerror}") from None
     try:
