@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
-from arl_fixtures.metrics.verdict import worst
+from arl_fixtures.metrics.verdict import Verdict, worst
 from arl_fixtures.report import figures, over_cycles, sections
 from arl_fixtures.report.blocks import Block, Cell, Picture, Report, Section, Signatures, Table, Text, verdict_cell
 from arl_fixtures.report.cycles import Cycle
@@ -23,6 +24,7 @@ OVER_TEMPERATURE: Final = (
     ("principal_point_change", "cx"),
 )
 TITLE: Final = "Qualification report"
+MOST_CYCLES: Final = 20
 ROLES: Final = ("Tested by", "Reviewed by", "Released by")
 
 
@@ -41,7 +43,7 @@ def make_report(cycles: Sequence[Cycle], maps: MapMaker, lifetime: LifetimeModel
         sections.decision(newest),
         *([_all_cycles(cycles)] if len(cycles) > 1 else []),
         sections.verdicts(newest),
-        *(sections.shortfalls(cycle) for cycle in cycles[-1:]),
+        *_shortfalls(cycles),
         _temperatures(newest, pictures),
         _maps(newest, maps, pictures),
         _over_temperature(newest, pictures),
@@ -66,6 +68,29 @@ def make_report(cycles: Sequence[Cycle], maps: MapMaker, lifetime: LifetimeModel
         footer=f"{shown(newest.record.begin.campaign)}, {numbers}, until {utc_text(newest.end_utc_ns)}",
         pictures=pictures,
     )
+
+
+def _shortfalls(cycles: Sequence[Cycle]) -> list[Section]:
+    """What is not PASS: of every cycle that has such a thing, and of the newest in any case."""
+    if len(cycles) == 1:
+        return [sections.shortfalls(cycles[0])]
+    told = [
+        cycle
+        for cycle in cycles
+        if cycle is cycles[-1]
+        or cycle.verdict is not Verdict.PASS
+        or not all(attempt.finished for attempt in cycle.attempts)
+    ]
+    found = [
+        replace(sections.shortfalls(cycle), title=f"Cycle {cycle.number}: what is not PASS, and why")
+        for cycle in told[-MOST_CYCLES:]
+    ]
+    if len(told) > MOST_CYCLES:
+        left_out = (
+            f"{len(told) - MOST_CYCLES} earlier cycles with such findings are left out: report them by themselves."
+        )
+        found[0] = replace(found[0], blocks=(Text(text=left_out, tone="conditional"), *found[0].blocks))
+    return found
 
 
 def _banner(cycles: Sequence[Cycle]) -> str:

@@ -48,6 +48,18 @@ def test_a_cycle_has_the_verdict_of_its_worst_step_and_says_what_decided(tmp_pat
     assert (STEP in report.decided_by) == (verdict != "PASS")
 
 
+def test_what_failed_in_an_earlier_cycle_is_told_in_the_report_of_a_later_one(tmp_path):
+    lines, plan = [], []
+    for cycle, (number, verdict) in enumerate([(0.0, "PASS"), (7.0, "FAIL"), (0.0, "PASS")]):
+        plan.append(step_id(cycle, 0, 25.0))
+        lines += step_of(cycle, 0, 25.0, value(plan[-1], "SN-1", number, verdict), verdict)
+    report = report_of(journal(tmp_path, lines, plan, cycles=range(3)))
+    assert report.verdict.text == "FAIL"
+    assert report.decided_by.startswith(f"cycle 1, {plan[1]}: SN-1 power_change")
+    assert "(7.000 ± 0.020) %" in texts(section(report, "Cycle 1: what is not PASS, and why"))
+    assert not [each for each in report.sections if each.title.startswith("Cycle 0")]
+
+
 def test_a_later_pass_does_not_hide_an_earlier_fail(tmp_path):
     lines = step_of(0, 0, 25.0, value(STEP, "SN-1", 3.0, "FAIL"), "FAIL")
     lines += step_of(0, 0, 25.0, value(STEP, "SN-1", 0.0, attempt=2), attempt=2)
