@@ -250,7 +250,7 @@ class GuardCore:
             LocalProtocolError: there is nothing to acknowledge.
         """
         self._go(Event.ACK, now_s, by=who, note=note)
-        self.needs_ack = False
+        self.needs_ack, self.unverified = False, {}
 
     # -- what it wants
 

@@ -16,7 +16,7 @@ from arl_fixtures.bench.drivers import Kind
 from arl_fixtures.errors import ArlError, ConfigError, DeviceError, InterlockError
 from arl_fixtures.guard.bookkeeping import Bookkeeping
 from arl_fixtures.guard.conditions import Sample
-from arl_fixtures.guard.core import GuardCore, State
+from arl_fixtures.guard.core import GuardCore, SafeStep, State
 from arl_fixtures.guard.hands import Hands
 from arl_fixtures.guard.host import Host
 from arl_fixtures.guard.line import Line
@@ -85,6 +85,12 @@ class GuardProcess:
         try:
             while not self._over:
                 self._turn()
+        except BaseException:
+            # whatever it is that ends the guard: not without having tried
+            if self._core.driven or self._core.to_do is not None:
+                for step in SafeStep:
+                    self._hands.do(step, self._settings.attempt_s)
+            raise
         finally:
             self.close()
 
@@ -205,6 +211,8 @@ class GuardProcess:
                     payload = self._serve(session, message)
                 except ArlError as error:
                     self._reply(session, number, error=type(error).__name__, message=str(error))
+                except (TypeError, ValueError) as error:
+                    self._reply(session, number, error="LocalProtocolError", message=f"guard: bad request: {error}")
                 else:
                     self._reply(session, number, payload=payload)
                 return True
@@ -302,9 +310,12 @@ class GuardProcess:
         if not due:
             return False
         kind = min(due, key=lambda one: self._due_s[one])
-        self._due_s[kind] = now_s + self._settings.poll_s
-        fault = self._hands.look(kind, _LOOK_LIMIT_S)
-        if not fault:
+        poll_s = self._settings.poll_s
+        self._due_s[kind] = now_s + poll_s
+        if self._hands.look(kind, _LOOK_LIMIT_S):
+            # waiting for a silent device must not hold up the test's requests to the others all the time
+            self._due_s[kind] = self._now_s + min(4.0 * poll_s, 1.0)
+        else:
             self._known_s[kind] = self._now_s
         self._forget_what_is_old()
         if not self._urgent:

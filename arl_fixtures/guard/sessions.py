@@ -97,11 +97,13 @@ class Sessions:
     def _hear_one(self, session: Session) -> None:
         session.peer.flush()
         try:
-            messages = session.peer.receive()
-        except PeerLostError:
+            self._dispatch(session, session.peer.receive())
+        except (PeerLostError, TypeError, ValueError):
+            # who speaks nonsense is as good as gone
             self.end(session)
             self._on_lost(session)
-            return
+
+    def _dispatch(self, session: Session, messages: list[Message]) -> None:
         for message in messages:
             if message.header.get("op") in NEEDS_TURN:
                 if message.header["op"] == "hello":

@@ -62,6 +62,22 @@ def test_a_test_that_closes_its_connection(stand, run_test):
     reap(pid)
 
 
+def test_a_test_that_talks_nonsense(stand, run_test):
+    def babble(guard, bench):
+        guard._link._link.send({"op": "commanded", "loads": 7})
+        signal.pause()
+
+    pid = run_test(stand, babble)
+    stand.wait_for_state("idle")
+    assert is_safe(stand.inspect()["state"])
+    os.kill(pid, signal.SIGKILL)
+    reap(pid)
+    # a request that makes no sense is answered, and costs a passer-by nothing
+    answer = stand.ask(op="hello", sha256=stand.config.sha256, lab="seven")
+    assert answer is None or "error" in answer
+    assert stand.ask(op="status")["state"] == "idle"
+
+
 def test_ctrl_c_twice(stand, run_test):
     pid = run_test(stand, go_on)
     os.kill(pid, signal.SIGINT)
