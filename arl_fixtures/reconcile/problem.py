@@ -125,14 +125,19 @@ class ChannelData:
         sums, weight = partial.group_sums(centred, level.name)
         return fit_tau(sums, weight, floor=level.floor, lost=min(count, level.count / 2.0))
 
-    def fit_scatter(self, residual: FloatArray, *, lost: float = 0.0) -> tuple[float, dict[str, float]]:
-        """Likelihood with the group scatters at their best.
+    def fit_scatter(
+        self, residual: FloatArray, *, lost: float = 0.0, without: tuple[str, ...] = ()
+    ) -> tuple[float, dict[str, float]]:
+        """Likelihood with the group scatters at their best; those of the levels in `without` are taken as none.
 
         Returns:
             log-likelihood (up to a constant of the channel), scatters. The whitener is left as it was.
         """
         tau: dict[str, float] = {}
         for index, level in enumerate(self.levels):
+            if level.name in without:
+                tau[level.name] = level.floor
+                continue
             partial = Whitener(self.root_weight, self.levels[: index + 1], {**tau, level.name: level.floor})
             tau[level.name], _ = self.level_scatter(residual, level, partial, lost=lost)
         kept = self.tau
@@ -228,9 +233,9 @@ class Problem:
         """A code of the whole table's rows on the stacked vector."""
         return np.concatenate([code[self.view.rows[d.use]] for d in self.data])
 
-    def log_likelihood(self, state: State, *, lost: float = 0.0) -> float:
+    def log_likelihood(self, state: State, *, lost: float = 0.0, without: tuple[str, ...] = ()) -> float:
         """Marginal likelihood with group scatters at their best for this state."""
-        return sum(d.fit_scatter(d.residual(state), lost=lost)[0] for d in self.data)
+        return sum(d.fit_scatter(d.residual(state), lost=lost, without=without)[0] for d in self.data)
 
     def refit_scatter(self, state: State, *, lost: float = 0.0) -> float:
         """Set the group scatters to their best for this state; returns the likelihood."""

@@ -34,6 +34,8 @@ TWIN_GAIN = 3.0
 """Of candidates that differ by less in log-likelihood the one with fewest parameters is taken."""
 MISFIT_SHARE, HIDDEN_SHARE = 0.15, 0.004
 """A further effect on a channel must gain this share of what one there gains, with and without a driver in common."""
+PATTERN_ODDS = 0.65
+"""Share of the threshold that an effect must gain over free patterns of pixels and angles in its place."""
 CLEAR_CONSTANT = 5.0
 """Standard errors from which a unit's constant is worth explaining."""
 LEVEL_NAME, LEVEL_ALARM = 0.99, 0.95
@@ -48,7 +50,7 @@ class Ranked:
     Attributes:
         fit: joint fit on the full problem.
         gain: likelihood gained over the present terms, less the price.
-        robust: the same gain as the test with shared errors sees it.
+        robust: the gain over no mismatch at all, as the test with shared errors sees it.
     """
 
     candidate: Candidate
@@ -144,7 +146,7 @@ class Search:
                 price = PRICE * (len(best.keys) - len(without.keys))
                 gains.append((best.log_likelihood - without.log_likelihood - price, index, without))
             weakest = min(gains, key=lambda item: item[0])
-            if weakest[0] >= threshold:
+            if weakest[0] >= PATTERN_ODDS * threshold:
                 break
             best = weakest[2]
             self._weigh(best)
@@ -210,7 +212,7 @@ class Search:
         threshold = chance.threshold(LEVEL_NAME)
         alarm = chance.threshold(LEVEL_ALARM)
         ranked = self.rank(base, shortlist(screening.candidates))
-        sure = [r for r in ranked if min(r.gain, r.robust) > threshold and not self._is_misfit(base, r)]
+        sure = [r for r in ranked if evidence(r) > threshold and not self._is_misfit(base, r)]
         close = [r for r in sure if r.gain > sure[0].gain - TWIN_GAIN]
         chosen = min(close, key=lambda r: (r.candidate.free, -r.gain), default=None)
         if chosen is not None:  # of drivers that tell the same the physically nearest, which comes first
@@ -219,7 +221,7 @@ class Search:
             chosen = min(same, key=lambda r: (bool(r.candidate.term.unit), self._rank_of(r.candidate.term)))
         if chosen is not None and ranked[0] is not chosen and ranked[0].gain > 3.0 * max(chosen.gain, 1.0):
             chosen = None
-        p_value = chance.p_value(min(ranked[0].gain, ranked[0].robust)) if ranked else 1.0
+        p_value = chance.p_value(evidence(ranked[0])) if ranked else 1.0
         return Stage(base=base, threshold=threshold, alarm=alarm, p_value=p_value, ranked=ranked, chosen=chosen)
 
     def _constants_explained(self, base: Fit, stage: Stage, chance: Screening) -> Stage:
@@ -242,12 +244,12 @@ class Search:
             r.gain -= handicap
             r.robust = min(r.robust, r.gain)
         best_before = stage.chosen.gain if stage.chosen is not None else 0.0
-        sure = [r for r in other.ranked if min(r.gain, r.robust) > max(stage.threshold, best_before)]
+        sure = [r for r in other.ranked if evidence(r) > stage.threshold and r.gain > best_before]
         if not sure:
             self._free_constants(shifted, free=True)
             return stage
         chosen = max(sure, key=lambda r: r.gain)
-        p_value = chance.p_value(min(chosen.gain, chosen.robust))
+        p_value = chance.p_value(evidence(chosen))
         return Stage(
             base=bare,
             threshold=stage.threshold,
@@ -269,6 +271,10 @@ class Search:
         return next(
             (k for k, (_, v) in enumerate(self.variants) if v.label == term.variant.label), len(self.variants)
         )
+
+    def _strict(self, found: Fit) -> float:
+        """Likelihood of a fit if pixels and stage angles had no pattern of their own."""
+        return self.full.log_likelihood(found.state, lost=float(len(found.keys)), without=("pixel", "angle"))
 
     def _is_misfit(self, base: Fit, ranked: Ranked) -> bool:
         """Whether a further effect only mends the shape of one that is already there.
@@ -308,7 +314,8 @@ class Search:
         self.full.refit_scatter(forward(terms, self.full.view), lost=float(len(base.keys)))
         polished = finish(self.full, fit(self.full, terms, rounds=rounds))
         gain = polished.log_likelihood - base.log_likelihood - PRICE * (len(polished.keys) - len(base.keys))
-        robust = robust_gain(self.full, polished, len(base.terms), gain)
+        strict = gain + self._strict(polished) - polished.log_likelihood + base.log_likelihood - self._strict(base)
+        robust = robust_gain(self.full, polished, len(base.terms), max(gain, strict))
         for d, tau in kept:
             d.rebuild(tau)
         return Ranked(candidate=candidate, fit=polished, gain=gain, robust=robust)
@@ -322,7 +329,7 @@ class Search:
             rest = tuple(t for k, t in enumerate(best.terms) if k != index)
             without = finish(self.full, fit(self.full, rest, rounds=4))
             needed = best.log_likelihood - without.log_likelihood - PRICE * (len(best.keys) - len(without.keys))
-            if needed < stage.threshold:
+            if needed < PATTERN_ODDS * stage.threshold:
                 return self._settle(without, stage) if len(rest) > 1 else without
             again = screen(self.small, self.variants, rest)
             options = [c for c in shortlist(again.candidates)[:6] if c.term.label != best.terms[index].label]
@@ -330,6 +337,11 @@ class Search:
             if ranked and ranked[0].gain > needed + 1.0:
                 best = ranked[0].fit
         return best
+
+
+def evidence(ranked: Ranked) -> float:
+    """What counts against the threshold: the gain over no mismatch, and enough over a mere pattern of pixels."""
+    return min(ranked.gain / PATTERN_ODDS, ranked.robust)
 
 
 def constant_z(d: ChannelData, state: State) -> float:
