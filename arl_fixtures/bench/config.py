@@ -19,6 +19,7 @@ from arl_fixtures.bench.settle import SettleSettings
 from arl_fixtures.emulators.faults import Fault
 from arl_fixtures.emulators.plant import PlantSettings
 from arl_fixtures.errors import ConfigError
+from arl_fixtures.metrics.step import BenchUncertainty
 from arl_fixtures.twin.scene import SceneSettings
 from arl_fixtures.twin.settings import DutSettings
 from arl_fixtures.yaml_model import FileModel, load_model, validate_tree
@@ -111,6 +112,7 @@ class BenchConfig(FileModel):
     sweep: SweepSettings = SweepSettings()
     scene: SceneSettings = SceneSettings()
     emulation: EmulationSettings = EmulationSettings()
+    uncertainty: BenchUncertainty = BenchUncertainty()
     twin_effects: str = Field(default="", description="a model.yaml whose effects the twin shows")
 
     _dut_settings: tuple[DutSettings, ...] = PrivateAttr(default=())

@@ -18,7 +18,7 @@ from arl_fixtures.journal.index import history as read_history
 from arl_fixtures.journal.record import read_journal
 from arl_fixtures.journal.rejudge import rejudge
 from arl_fixtures.metrics.limits import check_metrics, load_limits
-from arl_fixtures.metrics.registry import metric_names
+from arl_fixtures.metrics.registry import metric_names, metric_units
 from arl_fixtures.report.allure import write_allure
 from arl_fixtures.report.cycles import load_cycles
 from arl_fixtures.report.document import make_report
@@ -76,7 +76,7 @@ def report(
 def judge(journal: Path, limits: Path) -> None:
     """Judge the measurements of an old journal anew, into a new journal beside it; the old one stays as it is."""
     wanted = load_limits(limits)
-    check_metrics(wanted, metric_names(), limits)
+    check_metrics(wanted, metric_names(), metric_units(), limits)
     try:
         digest = hashlib.sha256(limits.read_bytes()).hexdigest()
     except OSError as error:

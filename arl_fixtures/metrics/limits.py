@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Annotated, Self
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from arl_fixtures.errors import ConfigError, UnitError
-from arl_fixtures.quantity import check_unit
+from arl_fixtures.quantity import check_unit, convert
 from arl_fixtures.yaml_model import FileModel, load_model
 
 
@@ -145,13 +146,25 @@ def load_limits(path: Path) -> LimitSet:
     return load_model(path, LimitSet)
 
 
-def check_metrics(limits: LimitSet, known: frozenset[str], path: Path | str = "") -> None:
-    """Refuse limits of metrics that nothing measures: they would never be judged.
+def check_metrics(
+    limits: LimitSet, known: frozenset[str], units: Mapping[str, str], path: Path | str = ""
+) -> None:
+    """Refuse limits that could never be judged: of metrics that nothing measures, or in a foreign dimension.
+
+    Args:
+        limits: the limits file.
+        known: names of all metrics.
+        units: unit in which a metric is always measured, where there is one.
+        path: of the file, for the message.
 
     Raises:
-        ConfigError: names the first such metric and those that exist.
+        ConfigError: names the first such limit and what was expected.
     """
     for limit in limits.limits:
         if limit.metric not in known:
             names = ", ".join(sorted(known))
             raise ConfigError(f"no metric '{limit.metric}'; there are {names}", path=path)
+        try:
+            convert(1.0, units.get(limit.metric, limit.unit), limit.unit)
+        except UnitError as error:
+            raise ConfigError(f"limit of '{limit.metric}': {error}", path=path) from None

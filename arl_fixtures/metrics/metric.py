@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy.typing as npt
@@ -25,8 +25,10 @@ class Metric:
         evaluate: measures one DUT in one step. It may raise NotMeasurableError when none of its values can be had;
             a value that alone cannot be had is returned by `StepData.unmeasured`.
         remember: arrays to keep in a reference for later steps.
+        units: unit of each name that is always measured in one; limits in a foreign dimension are refused at once.
     """
 
     names: tuple[str, ...]
     evaluate: Callable[[StepData], list[Measurement]]
     remember: Callable[[StepData], Mapping[str, npt.NDArray[Any]]] = _nothing
+    units: Mapping[str, str] = field(default_factory=dict)

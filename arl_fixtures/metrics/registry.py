@@ -58,6 +58,11 @@ def metric_names() -> frozenset[str]:
     return frozenset(name for metric in all_metrics() for name in metric.names)
 
 
+def metric_units() -> dict[str, str]:
+    """Unit of every name that is always measured in one."""
+    return {name: unit for metric in all_metrics() for name, unit in metric.units.items()}
+
+
 def measure(step: StepData, metrics: tuple[Metric, ...] | None = None) -> list[Measurement]:
     """Measure a step with every metric; what cannot be measured says why, the rest is measured all the same.
 

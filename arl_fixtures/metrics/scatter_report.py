@@ -58,6 +58,12 @@ class ScatterChannel:
             f"{self.name}_{what}" for what in ("scatter", "scatter_change", "noisy_pixels", "common_scatter")
         )
 
+    @property
+    def metric_units(self) -> dict[str, str]:
+        """Unit of each value; the common part is relative where the channel is an intensity."""
+        common = "1" if self.unit == "counts" else self.unit
+        return dict(zip(self.metric_names, (self.unit, "%", "1", common), strict=True))
+
 
 def evaluate_channel(step: StepData, channel: ScatterChannel) -> list[Measurement]:
     """All values of one channel.

@@ -12,7 +12,7 @@ import pytest
 from arl_fixtures.bench.config import BenchConfig, load_bench
 from arl_fixtures.bench.profile import Profile, load_profile, profile_path
 from arl_fixtures.metrics.limits import LimitSet, check_metrics, load_limits
-from arl_fixtures.metrics.registry import metric_names
+from arl_fixtures.metrics.registry import metric_names, metric_units
 from arl_fixtures.plugin.campaign import CampaignFile, StopRules
 from arl_fixtures.plugin.options import Options
 from arl_fixtures.yaml_model import load_model
@@ -54,7 +54,7 @@ def check_files(options: Options, allure_folder: str = "") -> SessionFiles:
     bench = load_bench(options.bench)
     profile = load_profile(options.profile)
     limits = load_limits(options.limits)
-    check_metrics(limits, metric_names(), options.limits)
+    check_metrics(limits, metric_names(), metric_units(), options.limits)
     return SessionFiles(
         options=options,
         allure_folder=allure_folder,

@@ -186,6 +186,7 @@ class StepRunner:
                 geometry=self._geometry[serial].at(summary.stage_angle_deg) if summary else None,
                 expected_angles=expected_angles,
                 reference=self.references.get(serial),
+                uncertainty=self.bench.config.uncertainty,
                 faults={"frames": why} if why else None,
             )
         return data

@@ -8,7 +8,7 @@ import pytest
 
 from arl_fixtures.errors import ConfigError
 from arl_fixtures.metrics.limits import check_metrics, load_limits
-from arl_fixtures.metrics.registry import metric_names
+from arl_fixtures.metrics.registry import metric_names, metric_units
 
 HEAD = "name: test\nversion: 1\nlimits:\n"
 
@@ -52,11 +52,11 @@ def test_every_fault_of_a_file_is_told_at_once(tmp_path):
 def test_a_limit_of_a_metric_that_does_not_exist_is_refused(tmp_path):
     limits = load_limits(written(tmp_path, "  - {metric: dead_pixles, unit: '1', upper: 1, reason: r}\n"))
     with pytest.raises(ConfigError, match=r"no metric 'dead_pixles'.*dead_pixels"):
-        check_metrics(limits, metric_names(), "limits.yaml")
+        check_metrics(limits, metric_names(), {}, "limits.yaml")
 
 
 @pytest.mark.parametrize("path", sorted((Path(__file__).parents[2] / "limits").glob("*.yaml")), ids=lambda p: p.name)
 def test_shipped_limits_are_of_metrics_that_exist(path):
     limits = load_limits(path)
-    check_metrics(limits, metric_names(), path)
+    check_metrics(limits, metric_names(), metric_units(), path)
     assert limits.by_metric.keys() == {limit.metric for limit in limits.limits}

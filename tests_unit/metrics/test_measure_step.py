@@ -38,7 +38,7 @@ def test_a_nominal_dut_passes_every_shipped_limit(bench, first_sweep, against):
     reference = nominal_reference(geometry) if against == "twin" else remember(own)
     step = bench.step(seed=2, reference=reference)
     limits = load_limits(LIMITS / "default.yaml")
-    check_metrics(limits, metric_names())
+    check_metrics(limits, metric_names(), metric_units())
     judgements = judge(measure(step), limits, step.conditions)
     assert [(j.measurement.name, j.reason) for j in judgements if j.decides and j.verdict is not Verdict.PASS] == []
     assert overall(judgements)[0] is Verdict.PASS

@@ -142,7 +142,10 @@ def _normals(geometry: Geometry) -> Float32Array:
     return generator.standard_normal(geometry.intensity_counts.shape, dtype=np.float32)
 
 
+UNITS: Final = {"intensity": "%", "distance": "m"}
+
 METRIC = Metric(
     names=tuple(f"twin_{channel}_{part}" for channel in CHANNELS for part in PARTS),
     evaluate=evaluate,
+    units={f"twin_{channel}_{part}": unit for channel, unit in UNITS.items() for part in PARTS},
 )

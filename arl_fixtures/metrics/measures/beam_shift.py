@@ -219,4 +219,8 @@ def evaluate(step: StepData) -> list[Measurement]:
     return measured
 
 
-METRIC = Metric(names=("power_centroid_shift", "power_width_change"), evaluate=evaluate)
+METRIC = Metric(
+    names=("power_centroid_shift", "power_width_change"),
+    evaluate=evaluate,
+    units={"power_centroid_shift": "deg", "power_width_change": "%"},
+)

@@ -58,4 +58,8 @@ def evaluate(step: StepData) -> list[Measurement]:
     return measured
 
 
-METRIC = Metric(names=("dead_pixels", "dead_pixels_by_kind"), evaluate=evaluate)
+METRIC = Metric(
+    names=("dead_pixels", "dead_pixels_by_kind"),
+    evaluate=evaluate,
+    units={"dead_pixels": "1", "dead_pixels_by_kind": "1"},
+)

@@ -185,4 +185,5 @@ def _per_decade(step: StepData, maps: list[ErrorMap]) -> Quantity:
 METRIC = Metric(
     names=("distance_error", "distance_error_spread", "distance_error_per_decade"),
     evaluate=evaluate,
+    units={"distance_error": "%", "distance_error_spread": "%", "distance_error_per_decade": "m"},
 )

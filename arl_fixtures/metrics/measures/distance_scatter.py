@@ -33,4 +33,6 @@ def remember(step: StepData) -> Mapping[str, npt.NDArray[Any]]:
     return remember_channel(step, CHANNEL)
 
 
-METRIC = Metric(names=CHANNEL.metric_names, evaluate=evaluate, remember=remember)
+METRIC = Metric(
+    names=CHANNEL.metric_names, evaluate=evaluate, remember=remember, units=CHANNEL.metric_units
+)

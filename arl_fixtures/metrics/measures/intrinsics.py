@@ -258,4 +258,12 @@ METRIC = Metric(
     ),
     evaluate=evaluate,
     remember=remember,
+    units={
+        "focal_length": "px",
+        "principal_point": "px",
+        "distortion": "1",
+        "focal_length_change": "%",
+        "principal_point_change": "px",
+        "distortion_change": "1",
+    },
 )

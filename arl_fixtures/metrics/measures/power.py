@@ -259,4 +259,14 @@ METRIC = Metric(
     ),
     evaluate=evaluate,
     remember=remember,
+    units=dict.fromkeys(
+        (
+            "power_level",
+            "power_target_agreement",
+            "power_paper_difference",
+            "power_change",
+            "power_worst_3x3",
+        ),
+        "%",
+    ),
 )
