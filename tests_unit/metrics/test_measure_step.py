@@ -13,7 +13,7 @@ from arl_fixtures.metrics.conditions import Conditions
 from arl_fixtures.metrics.judge import judge, overall
 from arl_fixtures.metrics.limits import check_metrics, load_limits
 from arl_fixtures.metrics.nominal import nominal_reference
-from arl_fixtures.metrics.registry import measure, metric_names, remember
+from arl_fixtures.metrics.registry import measure, metric_names, metric_units, remember
 from arl_fixtures.metrics.verdict import Verdict
 from arl_fixtures.twin.operating import operating_data
 from arl_fixtures.twin.settings import DutSettings
