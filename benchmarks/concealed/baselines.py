@@ -1,6 +1,6 @@
 """Three baselines on the same cases: boosted trees with the top feature, best subset with BIC, symbolic regression.
 
-`python -m benchmarks.concealed.baselines --cases build/proof/proof-70921` after the proof has made that folder (needs
+`python -m benchmarks.concealed.baselines --cases build/proof/proof-83157` after the proof has made that folder (needs
 the optional extra `proof`). Each sees the table as the tool does, and is scored by the same oracle: is it silent on
 null tables, is its first column a driver of the truth, does it name the effect (best subset only), and how much of
 the possible improvement on unseen rows does it reach. None of them knows that rows of a step share errors.
@@ -246,7 +246,7 @@ def of_tool(folder: Path) -> list[dict[str, Any]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cases", type=Path, default=Path("build/proof/proof-70921"))
+    parser.add_argument("--cases", type=Path, default=Path("build/proof/proof-83157"))
     parser.add_argument("--methods", nargs="+", default=["boosted trees", "best subset", "symbolic"])
     parser.add_argument("--docs", type=Path, help="append the tables as Markdown to this file")
     given = parser.parse_args()
