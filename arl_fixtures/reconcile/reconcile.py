@@ -76,7 +76,7 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
 def _chance_of(found: Found, decision: Decision) -> float:
     """Probability of the verdict's evidence without any mismatch, over all searches made."""
     p = found.stages[0].p_value if found.stages else 1.0
-    if any(is_structure(s) for s in found.before.values()):
+    if (found.best.terms or decision.laws) and any(is_structure(s) for s in found.before.values()):
         p = min(p, 1e-3)
     if decision.laws:
         p = min(p, LOOKS * float(np.exp(-max(law.gain for law in decision.laws))))
