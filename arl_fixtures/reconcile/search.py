@@ -19,6 +19,7 @@ from arl_fixtures.reconcile.grouping import find_groups, typical_gaps
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import ChannelData, Problem, carry_gains
 from arl_fixtures.reconcile.robust import robust_gain
+from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.sampling import draw_rows
 from arl_fixtures.reconcile.screen import Candidate, Screening, all_variants, screen
 from arl_fixtures.reconcile.terms import Term, forward
@@ -34,6 +35,8 @@ TWIN_GAIN = 3.0
 """Of candidates that differ by less in log-likelihood the one with fewest parameters is taken."""
 MISFIT_SHARE, HIDDEN_SHARE = 0.15, 0.004
 """A further effect on a channel must gain this share of what one there gains, with and without a driver in common."""
+LEAST_SCATTER = 0.03
+"""Relative excess of scatter below which rounding and the noise law's own accuracy explain it."""
 PATTERN_ODDS = 0.65
 """Share of the threshold that an effect must gain over free patterns of pixels and angles in its place."""
 CLEAR_CONSTANT = 5.0
@@ -213,6 +216,7 @@ class Search:
         alarm = chance.threshold(LEVEL_ALARM)
         ranked = self.rank(base, shortlist(screening.candidates))
         sure = [r for r in ranked if evidence(r) > threshold and not self._is_misfit(base, r)]
+        sure = [r for r in sure if not self._is_rounding(base, r)]
         close = [r for r in sure if r.gain > sure[0].gain - TWIN_GAIN]
         chosen = min(close, key=lambda r: (r.candidate.free, -r.gain), default=None)
         if chosen is not None:  # of drivers that tell the same the physically nearest, which comes first
@@ -265,6 +269,19 @@ class Search:
                 if d.channel.name in channels:
                     d.free_constant = free
                     d.rebuild(d.tau)
+
+    def _is_rounding(self, base: Fit, ranked: Ranked) -> bool:
+        """Whether a candidate changes scatters only, and by less than rounding and few frames leave uncertain."""
+        largest = 0.0
+        for d in self.full.data:
+            name = d.channel.name
+            if ranked.fit.state[name] is base.state[name]:
+                continue
+            change = np.abs(ranked.fit.state[name] - base.state[name])[d.use] / d.scale
+            if d.channel.role is not Role.SCATTER and np.any(change > 1e-6):
+                return False
+            largest = max(largest, float(np.quantile(change, 0.95)))
+        return largest < LEAST_SCATTER
 
     def _rank_of(self, term: Term) -> int:
         """Place of a term's variant among all: effects list their drivers in physical order."""
