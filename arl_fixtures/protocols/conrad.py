@@ -145,4 +145,8 @@ def find_setup_end(received: bytes, address: int) -> tuple[Frame, ...] | None:
             if frame.answers != Command.SETUP:
                 break
             boards.append(frame)
+        else:
+            if boards:
+                # answers in step with the chain: its end is under way, and no other reading of these bytes is better
+                return None
     return None
