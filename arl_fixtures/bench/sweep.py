@@ -40,6 +40,8 @@ def sweep(
     serials = bench.serials
     for index, angle_deg in enumerate(angles_deg):
         stage.move_to_deg(angle_deg)
+        # the control's turn takes longer than a frame on slow lines; while the stage moves it costs nothing
+        bench.turn()
         stage.wait_until_reached(settings.move_timeout_s)
         not_before_s = clock.now_s + settings.rest_s
         actual_deg = stage.position_deg()
@@ -60,7 +62,6 @@ def sweep(
             blocks = dict(error.blocks)
         yield AngleRecord(index, actual_deg, clock.utc_ns(), blocks)
         between()
-        bench.turn()
     if angles_deg:
         stage.move_to_deg(angles_deg[0])
         stage.wait_until_reached(settings.move_timeout_s)
