@@ -11,12 +11,12 @@ from ruamel.yaml import YAML
 
 from arl_fixtures.errors import ConfigError, DataError
 from arl_fixtures.reconcile.boosting import Tree
+from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.diagnosis import Diagnosis
 from arl_fixtures.reconcile.effect import Parameter, State, Variant
 from arl_fixtures.reconcile.features import features_of
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm
-from arl_fixtures.reconcile.library import library
 from arl_fixtures.reconcile.terms import Term, field_keys, forward
 from arl_fixtures.reconcile.view import View
 from arl_fixtures.yaml_model import FileModel, load_model

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.decide import Decision, is_structure
 from arl_fixtures.reconcile.diagnosis import Diagnosis
 from arl_fixtures.reconcile.effect import Effect
-from arl_fixtures.reconcile.library import library
 from arl_fixtures.reconcile.model_file import ModelFile, model_of, unit_keys
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.search import Found, Progress, Search

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
+from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.effect import Effect
-from arl_fixtures.reconcile.library import library
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
 

@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from arl_fixtures.reconcile.library import library
+from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
 from arl_fixtures.reconcile.visibility import NO_COLUMNS, NO_TRACE, invisible_effects

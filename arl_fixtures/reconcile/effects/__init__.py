@@ -1,1 +1,1 @@
-"""One file per effect; `arl_fixtures.reconcile.library` scans the folder, so a new file is all a new effect needs."""
+"""One file per effect; `arl_fixtures.reconcile.catalogue` scans the folder, so a new effect needs one new file."""

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.columns import Columns, find_channels
 from arl_fixtures.reconcile.effect import Variant
-from arl_fixtures.reconcile.library import library
 from arl_fixtures.reconcile.view import View
 
 FX, FY, CU, CV = 58.1, 66.0, 63.5, 15.5

@@ -8,8 +8,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rendered_bench import bench, make_columns
 
+from arl_fixtures.reconcile.catalogue import built_in, library
 from arl_fixtures.reconcile.effect import Kind
-from arl_fixtures.reconcile.library import built_in, library
 from arl_fixtures.reconcile.view import View
 
 IDS = [

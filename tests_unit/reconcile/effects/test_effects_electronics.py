@@ -6,8 +6,8 @@ from rendered_bench import bench, corrected, left_over, make_columns, variant_of
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
+from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.effect import Kind
-from arl_fixtures.reconcile.library import library
 from arl_fixtures.reconcile.view import View
 
 C_M_PER_S = 299_792_458.0

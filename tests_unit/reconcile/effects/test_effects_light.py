@@ -6,7 +6,7 @@ from rendered_bench import bench, corrected, left_over, make_columns, variant_of
 from scipy.ndimage import gaussian_filter
 from scipy.optimize import least_squares
 
-from arl_fixtures.reconcile.library import library
+from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.view import View
 
 LIGHT, RANGE = "intensity_counts", "distance_m"
