@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Final, Self
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
@@ -135,6 +135,25 @@ class LimitSet(FileModel):
     def decision_of(self, limit: Limit) -> Decision:
         """The rule that decides `limit`."""
         return limit.decision or self.decision
+
+
+BUILT_IN: Final = Path(__file__).parent.parent / "data" / "limits"
+
+
+def limits_path(name_or_path: str) -> Path:
+    """The file that a limits name stands for: itself, or one of those that come with the package.
+
+    Raises:
+        ConfigError: no such limits.
+    """
+    path = Path(name_or_path)
+    if path.suffix in {".yaml", ".yml"}:
+        return path
+    built_in = BUILT_IN / f"{name_or_path}.yaml"
+    if not built_in.is_file():
+        known = ", ".join(sorted(each.stem for each in BUILT_IN.glob("*.yaml")))
+        raise ConfigError(f"no limits '{name_or_path}'; known are {known}, or give a .yaml file")
+    return built_in
 
 
 def load_limits(path: Path) -> LimitSet:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from arl_fixtures.errors import ConfigError
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
@@ -28,7 +30,7 @@ def add_options(parser: pytest.Parser) -> None:
     group = parser.getgroup("arl", "LiDAR aging bench")
     group.addoption("--bench", metavar="FILE", help="bench file, or the name of a bench that comes with the package")
     group.addoption("--profile", metavar="FILE", help="profile file, or the name of a built-in profile")
-    group.addoption("--limits", metavar="FILE", help="limits file")
+    group.addoption("--limits", metavar="FILE", help="limits file, or the name of built-in limits")
     group.addoption("--out", metavar="FOLDER", help="where bags, journal and reports go")
     group.addoption("--cycles", type=int, metavar="N", help="number of cycles to run (default 1)")
     group.addoption("--campaign", metavar="FILE", help="campaign file: cycles, and what ends them early")
@@ -37,7 +39,7 @@ def add_options(parser: pytest.Parser) -> None:
     group.addoption("--lab", metavar="SOCKET", help="socket of the lab that holds the emulated hardware")
     parser.addini("arl_bench", "default of --bench", default="emulated")
     parser.addini("arl_profile", "default of --profile", default="short")
-    parser.addini("arl_limits", "default of --limits", default="limits/default.yaml")
+    parser.addini("arl_limits", "default of --limits", default="default")
     parser.addini("arl_out", "default of --out", default="out")
 
 
@@ -45,8 +47,9 @@ def read_options(config: pytest.Config) -> Options:
     """Options of this session.
 
     Raises:
-        pytest.UsageError: a number that makes no sense.
+        pytest.UsageError: a number that makes no sense, or no such limits.
     """
+    from arl_fixtures.metrics.limits import limits_path  # a plain pytest session does not pay for it
 
     def text(name: str) -> str:
         return str(config.getoption(f"--{name}") or config.getini(f"arl_{name}"))
@@ -61,10 +64,14 @@ def read_options(config: pytest.Config) -> Options:
             raise pytest.UsageError(f"{name} {value}: expected at least {least}")
         return None if value is None else int(value)
 
+    try:
+        limits = limits_path(_here(config, text("limits")))
+    except ConfigError as error:
+        raise pytest.UsageError(str(error)) from None
     return Options(
         bench=_here(config, text("bench")),
         profile=_here(config, text("profile")),
-        limits=config.rootpath / text("limits"),
+        limits=limits,
         out=config.rootpath / text("out"),
         cycles=count("--cycles", 1) or 1,
         first_cycle=count("--first-cycle", 0),
