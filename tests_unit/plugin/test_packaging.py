@@ -15,7 +15,8 @@ ROOT = Path(__file__).parents[2]
 def test_every_file_of_the_package_goes_into_the_wheel():
     setup = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     patterns = [*setup["tool"]["setuptools"]["package-data"]["*"], "*.py"]
-    files = [path for path in (ROOT / "arl_fixtures").rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+    there = (path for path in (ROOT / "arl_fixtures").rglob("*") if path.is_file())
+    files = [path for path in there if "__pycache__" not in path.parts]
     left_behind = [path.name for path in files if not any(fnmatch(path.name, pattern) for pattern in patterns)]
     assert len(files) > 200
     assert left_behind == []
