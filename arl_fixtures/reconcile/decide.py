@@ -72,9 +72,9 @@ class Decision:
         self._add_patterns()
         self._gate()
         self._find_laws()
-        quiet = {d.channel.name for d in self.problem.data if not is_structure(self.after[d.channel.name])}
+        driven = {law.channel for law in self.laws}
         scatters = find_scatter(self.problem, self.effects, self.final_state())
-        self.scatters = [s for s in scatters if s.channel in quiet][:1]
+        self.scatters = [s for s in scatters if s.channel not in driven][:1]
         findings = [named_finding(self, index) for index in range(len(self.best.terms))]
         findings += [pattern_finding(self, p) for p in self.patterns]
         findings += [law_finding(self, law) for law in self.laws]

@@ -15,6 +15,8 @@ import numpy as np
 from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray
 
 UNIT_WORDS = ("zone", "pixel", "channel", "sensor", "device", "unit", "module", "serial", "run", "tap")
+DEVICE_WORDS = ("dut", "sensor", "device", "module", "serial", "run")
+"""A column so called tells instruments or recordings apart; the zones or taps of one device share its steps' errors."""
 BLOCKS_WITHOUT_STEPS = 16
 FEWEST_BLOCKS = 5
 
@@ -51,7 +53,8 @@ def find_groups(table: Columns) -> Groups:
     step_columns: tuple[str, ...] = tuple(n for n in ("cycle", "step") if n in table.numbers)
     if "step" not in table.numbers:
         step_columns += tuple(n for n in ("set_temperature_c", "ramp") if n in table.numbers)
-    step = _dense(unit, table.group(*step_columns)) if step_columns else unit
+    device = table.group(*(n for n in unit_columns if n.startswith(DEVICE_WORDS)))
+    step = _dense(device, table.group(*step_columns)) if step_columns else unit
     name = "temperature steps"
     angle = _dense(unit, table.codes_of("stage_angle_deg")) if _few(table, "stage_angle_deg") else None
     if not step_columns:

@@ -38,6 +38,8 @@ class ChannelData:
         fold: hold-out fold of each row.
         free_constant: whether a constant per unit may be fitted (where the role knows calibration at all).
         whitener: of the present scatters.
+        intercept: whitened direction of the units' constants, (n,), or (units, n) where units share groups.
+        intercept_weight: inverse variance of each constant.
         stated_known: whether the simulation states its noise.
         expect: expected measurement over the true value, 1 except for scatters of few frames.
     """
@@ -61,8 +63,13 @@ class ChannelData:
     whitener: Whitener = field(init=False)
     intercept: FloatArray = field(init=False)
     intercept_weight: FloatArray = field(init=False)
+    _inverse: FloatArray = field(init=False)
+    _units_share: bool = field(init=False)
 
     def __post_init__(self) -> None:
+        self._units_share = any(
+            np.unique(level.code * self.units + self.unit).size > level.count for level in self.levels
+        )
         self.trust = np.ones(len(self.use)) if len(self.trust) == 0 else self.trust
         self.rebuild(self.tau)
 
@@ -81,19 +88,33 @@ class ChannelData:
         self.tau = dict(tau)
         self.whitener = Whitener(self.root_weight, self.levels, self.tau)
         if self.calibrated:
+            self._prepare_constants()
+
+    def _prepare_constants(self) -> None:
+        """Whitened direction of each unit's constant; a matrix where units share the errors of a step."""
+        if not self._units_share:
             self.intercept = self.whitener(self.scale)
             weight = np.bincount(self.unit, self.intercept**2, minlength=self.units)
             self.intercept_weight = np.where(weight > 0, weight, np.inf)
+            return
+        self.intercept = self.whitener(np.where(self.unit == np.arange(self.units)[:, None], self.scale, 0.0))
+        gram = self.intercept @ self.intercept.T
+        self._inverse = np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
+        variance = np.diag(self._inverse)
+        self.intercept_weight = np.where(variance > 0, 1.0 / np.maximum(variance, 1e-300), np.inf)
 
     def whiten(self, x: FloatArray) -> FloatArray:
         """Independent unit variables, without what a constant per unit explains."""
         z = self.whitener(x)
         if self.calibrated:
-            z = z - self.intercept * self.constants_of(z)[self.unit]
+            constants = self.constants_of(z)
+            z = z - (constants @ self.intercept if self._units_share else self.intercept * constants[self.unit])
         return z
 
     def constants_of(self, whitened: FloatArray) -> FloatArray:
         """Fitted gain or offset of each unit from a whitened residual."""
+        if self._units_share:
+            return np.asarray(self._inverse @ (self.intercept @ whitened), dtype=np.float64)
         total = np.bincount(self.unit, self.intercept * whitened, minlength=self.units)
         return np.asarray(total / self.intercept_weight, dtype=np.float64)
 
@@ -112,7 +133,7 @@ class ChannelData:
         count = 0.0
         if self.calibrated:
             centred = residual - self.scale * self.constants_of(self.whitener(residual))[self.unit]
-            count = float(self.units)
+            count = 1.0 if self._units_share else float(self.units)
         step = next((other for other in self.levels if other.name == "step"), None)
         if level.name == "frame" and step is not None:
             weight = self.root_weight**2

@@ -1,0 +1,49 @@
+"""Constants per zone beside errors that all zones of a step share, against dense generalised least squares."""
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.table import columns_of
+
+SIGMA_M, SHARED_M = 1e-3, 5e-4
+
+
+def zone_table(seed: int, *, steps: int = 6, zones: int = 5, rows: int = 20) -> pa.Table:
+    """Distances of a zone sensor in a climate chamber: zones have offsets, all zones of a step share an error."""
+    rng = np.random.default_rng(seed)
+    step, zone, place = (
+        a.ravel() for a in np.meshgrid(np.arange(steps), np.arange(zones), np.arange(rows), indexing="ij")
+    )
+    distance = 0.2 + 0.05 * place
+    offset = rng.normal(0.0, 3e-3, zones)[zone]
+    shared = rng.normal(0.0, SHARED_M, steps)[step]
+    return pa.table({
+        "zone": zone, "step": step, "tof_temperature_c": 10.0 * step + rng.normal(0.0, 0.2, step.size),
+        "true_range_m": distance, "sim_distance_m": distance, "sim_distance_m_std": np.full(step.size, SIGMA_M),
+        "sim_distance_m_repeat_std": np.full(step.size, SHARED_M),
+        "distance_m": distance + offset + shared + rng.normal(0.0, SIGMA_M, step.size),
+    })  # fmt: skip
+
+
+def test_whitening_with_constants_is_generalised_least_squares():
+    problem = Problem(columns_of(zone_table(1)))
+    (channel,) = problem.data
+    residual = channel.residual(problem.view.fresh_state())
+    step = problem.view.number("step")
+    covariance = SIGMA_M**2 * np.eye(len(step)) + SHARED_M**2 * (step[:, None] == step)
+    zones = (problem.view.number("zone")[:, None] == np.arange(5)).astype(float)
+    inverse = np.linalg.inv(covariance)
+    fitted = np.linalg.solve(zones.T @ inverse @ zones, zones.T @ inverse @ residual)
+    left = residual - zones @ fitted
+    channel.rebuild({"step": 1.0})
+    z = channel.whiten(residual)
+    assert z @ z == pytest.approx(left @ inverse @ left, rel=1e-6)
+    assert channel.constants_of(channel.whitener(residual)) == pytest.approx(fitted, rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_all_zones_share_in_a_step_is_no_finding(seed):
+    assert diagnose(columns_of(zone_table(seed + 10)))[0].findings == []
