@@ -16,7 +16,7 @@ from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray
 
 UNIT_WORDS = ("zone", "pixel", "channel", "sensor", "device", "unit", "module", "serial", "run", "tap")
 DEVICE_WORDS = ("dut", "sensor", "device", "module", "serial", "run")
-"""A column so called tells instruments or recordings apart; the zones or taps of one device share its steps' errors."""
+"""Columns that tell instruments or recordings apart; zones or taps of one device share the errors of its steps."""
 BLOCKS_WITHOUT_STEPS = 16
 FEWEST_BLOCKS = 5
 

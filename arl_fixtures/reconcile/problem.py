@@ -99,7 +99,7 @@ class ChannelData:
             return
         self.intercept = self.whitener(np.where(self.unit == np.arange(self.units)[:, None], self.scale, 0.0))
         gram = self.intercept @ self.intercept.T
-        self._inverse = np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
+        self._inverse = np.asarray(np.linalg.pinv(gram, rcond=1e-9, hermitian=True), dtype=np.float64)
         variance = np.diag(self._inverse)
         self.intercept_weight = np.where(variance > 0, 1.0 / np.maximum(variance, 1e-300), np.inf)
 
