@@ -36,6 +36,7 @@ START_C = 80.0
 EXPOSURE_S = 0.010
 PERIOD_S = 0.040
 LOOK_S = 2.0
+SETTLE_TOLERANCE_K = 0.8
 SETTLE_LIMIT_S = 400.0
 
 BENCH = """
@@ -58,7 +59,7 @@ duts:
   emulator: {{operating_every_frames: 2}}
   settings: {{exposure_lead_s: 0.012}}
   units: [{duts}/emulated-top.yaml, {duts}/emulated-middle.yaml]
-settle: {{tolerance_k: 0.8, hold_s: 15, time_limit_s: {limit_s:g}}}
+settle: {{tolerance_k: {tolerance_k:g}, hold_s: 15, time_limit_s: {limit_s:g}}}
 emulation:
   plant: {{seed: 3, thermal: {{housing_count: 2, start_c: {start_c:g}}}}}
 """
@@ -142,7 +143,9 @@ class Ended:
 
 def write_files(folder: Path, *, bench: str = BENCH) -> Options:
     """Bench, profile and limits of a small cycle."""
-    text = bench.format(duts=BUILT_IN.parent / "duts", start_c=START_C, limit_s=SETTLE_LIMIT_S)
+    text = bench.format(
+        duts=BUILT_IN.parent / "duts", start_c=START_C, limit_s=SETTLE_LIMIT_S, tolerance_k=SETTLE_TOLERANCE_K
+    )
     for name, content in (("bench.yaml", text), ("profile.yaml", PROFILE), ("limits.yaml", LIMITS)):
         (folder / name).write_text(content, encoding="utf-8")
     return Options(
@@ -194,7 +197,7 @@ def run_cycle(
     over = ""
     try:
         session.start()
-        over = _measure_all(session, files, verdicts)
+        over = measure_all(session, files, verdicts)
     except ArlError as error:
         over = f"did not start: {error}"
     finally:
@@ -207,7 +210,8 @@ def run_cycle(
     return Ended(read_journal(path), files.options.out, world, guard, watch, verdicts, over, unsafe)
 
 
-def _measure_all(session: CycleSession, files: SessionFiles, verdicts: dict[str, str]) -> str:
+def measure_all(session: CycleSession, files: SessionFiles, verdicts: dict[str, str]) -> str:
+    """Every step of the cycle; returns why the session ended early, empty if it did not."""
     for step in files.profile.steps(0):
         item = SimpleNamespace(session=SimpleNamespace(shouldstop=""), user_properties=[])
         try:

@@ -212,6 +212,7 @@ class LabServer:
             case "hello":
                 client.name, client.role = str(header["name"]), role_of(header["role"])
                 epoch_ns = self._clock.utc_ns() - round(now_s * 1e9)
+                self._watch.note(now_s, "client joined", client.name)
                 self._answer(client, number=client.number, epoch_ns=epoch_ns)
             case "now":
                 self._answer(client)
