@@ -132,7 +132,11 @@ class ChannelData:
         centred = residual
         count = 0.0
         if self.calibrated:
-            centred = residual - self.scale * self.constants_of(self.whitener(residual))[self.unit]
+            # plain means: constants that weigh by the present scatters would make the result depend on where it starts
+            weight = self.root_weight**2 * self.scale
+            top = np.bincount(self.unit, weight * residual, minlength=self.units)
+            bottom = np.bincount(self.unit, weight * self.scale, minlength=self.units)
+            centred = residual - self.scale * (top / np.maximum(bottom, 1e-300))[self.unit]
             count = 1.0 if self._units_share else float(self.units)
         step = next((other for other in self.levels if other.name == "step"), None)
         if level.name == "frame" and step is not None:
