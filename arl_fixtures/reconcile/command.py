@@ -23,7 +23,7 @@ from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.report_json import write_json
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.search import Progress as ProgressCall
-from arl_fixtures.reconcile.table import load_table, open_table, sha256_of
+from arl_fixtures.reconcile.table import load_table, open_table, sha256_of, table_in_batches
 from arl_fixtures.reconcile.view import View
 from arl_fixtures.reconcile.visibility import invisible_effects
 
@@ -56,9 +56,9 @@ def reconcile(table_path: Path, out_dir: Path, progress: ProgressCall | None = N
         write_json(work / "diagnosis.json", diagnosis)
         write_model(work / "model.yaml", model)
         write_page(work / "diagnosis.html", diagnosis, decision)
-        if rows != columns.n:
-            columns = load_table(table_path, limit=rows)
-        write_localisation(work / "localisation.parquet", columns, model, diagnosis.findings)
+        channels = columns.channels
+        del decision, columns  # a large table is read again in batches: room for them
+        write_localisation(work / "localisation.parquet", table_path, channels, model, diagnosis.findings, rows)
         out_dir.mkdir(exist_ok=True)
         for file in sorted(work.iterdir()):
             file.replace(out_dir / file.name)
@@ -81,16 +81,19 @@ def predict(model_dir: Path, table_path: Path, out_file: Path) -> None:
     model_path = Path(model_dir) / "model.yaml"
     model = read_model(model_path)
     out_file = Path(out_file)
-    columns = load_table(Path(table_path), for_prediction=True, limit=1 << 62)
-    names = [c.name for c in columns.channels if c.role is not Role.SCATTER]
-    pieces: dict[str, list[FloatArray]] = {}
-    for start in range(0, columns.n, CHUNK):
-        view = View(columns, None if columns.n <= CHUNK else np.arange(start, min(start + CHUNK, columns.n)))
-        state = corrected_state(model, terms_of(model, view, model_path), view)
-        for name in [*names, *_scatter_channels(columns)]:
-            if name in state:
-                pieces.setdefault(f"corrected_{name}", []).append(state[name])
-    table = pa.table({name: np.concatenate(parts) for name, parts in pieces.items()})
+    rows = open_table(Path(table_path)).metadata.num_rows
+    whole: dict[str, FloatArray] = {}
+    for numbers, columns in table_in_batches(Path(table_path)):
+        names = [c.name for c in columns.channels if c.role is not Role.SCATTER]
+        for start in range(0, columns.n, CHUNK):
+            part = np.arange(start, min(start + CHUNK, columns.n))
+            view = View(columns, None if columns.n <= CHUNK else part)
+            state = corrected_state(model, terms_of(model, view, model_path), view)
+            for name in [*names, *_scatter_channels(columns)]:
+                if name in state:
+                    values = whole.setdefault(f"corrected_{name}", np.full(rows, np.nan))
+                    values[numbers[part]] = state[name]
+    table = pa.table({name: pa.array(values) for name, values in whole.items()})
     try:
         out_file.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=out_file.parent, prefix=f".{out_file.name}.", delete=False) as stream:

@@ -10,32 +10,48 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray
+from arl_fixtures.reconcile.columns import Channel, Columns, FloatArray, IntArray
 from arl_fixtures.reconcile.diagnosis import Finding
 from arl_fixtures.reconcile.features import features_of
 from arl_fixtures.reconcile.model_file import ModelFile, corrected_state, laws_of, terms_of
 from arl_fixtures.reconcile.problem import stated_error
+from arl_fixtures.reconcile.table import table_in_batches
 from arl_fixtures.reconcile.terms import forward
 from arl_fixtures.reconcile.view import View
 
 CHUNK = 250_000
 
 
-def write_localisation(path: Path, columns: Columns, model: ModelFile, findings: Sequence[Finding]) -> None:
-    """Write `localisation.parquet` for the rows of a table, piece by piece."""
-    schema = pa.schema(
-        [field for c in columns.channels for field in (
-            pa.field(f"mismatch_{c.name}", pa.float64()), pa.field(f"finding_{c.name}", pa.int16()))]
-    )  # fmt: skip
-    with pq.ParquetWriter(path, schema) as writer:
+def write_localisation(
+    path: Path, table: Path, channels: Sequence[Channel], model: ModelFile, findings: Sequence[Finding], rows: int
+) -> None:
+    """Write `localisation.parquet` for all rows of a table, in their order, without holding the table in memory.
+
+    Args:
+        path: file to write.
+        table: the observation table.
+        channels: what was compared.
+        model: found on the table, with the findings it came from.
+        findings: strongest first.
+        rows: of the table.
+    """
+    fields = [
+        field for c in channels for field in (
+            pa.field(f"mismatch_{c.name}", pa.float64()), pa.field(f"finding_{c.name}", pa.int16()))
+    ]  # fmt: skip
+    result = [np.zeros(rows, dtype=field.type.to_pandas_dtype()) for field in fields]
+    for numbers, columns in table_in_batches(table):
+        columns.channels = tuple(channels)
         for start in range(0, columns.n, CHUNK):
-            rows = np.arange(start, min(start + CHUNK, columns.n))
-            writer.write_table(_piece(columns, rows, model, findings, path, schema))
+            part = np.arange(start, min(start + CHUNK, columns.n))
+            for whole, values in zip(result, _piece(columns, part, model, findings, path), strict=True):
+                whole[numbers[part]] = values
+    pq.write_table(pa.table([pa.array(values) for values in result], schema=pa.schema(fields)), path)
 
 
 def _piece(
-    columns: Columns, rows: IntArray, model: ModelFile, findings: Sequence[Finding], path: Path, schema: pa.Schema
-) -> pa.Table:
+    columns: Columns, rows: IntArray, model: ModelFile, findings: Sequence[Finding], path: Path
+) -> list[FloatArray | NDArray[np.int16]]:
     view = View(columns, None if len(rows) == columns.n else rows)
     terms = terms_of(model, view, path)
     state = corrected_state(model, terms, view)
@@ -65,4 +81,4 @@ def _piece(
             strongest[larger] = k
             most = np.where(larger, size, most)
         out.append(strongest)
-    return pa.table([pa.array(column) for column in out], schema=schema)
+    return out

@@ -7,21 +7,20 @@ to compare is a `DataError`.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
 from arl_fixtures.errors import DataError
 from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray, find_channels
+from arl_fixtures.reconcile.parcels import batches_of_parcels, drawn_rows, read_rows
 
 ALWAYS_CATEGORY = frozenset({"dut", "surface", "mixed"})
 MAX_ROWS_IN_MEMORY = 2_500_000
-"""Larger tables are read in part: whole images, drawn by a hash, so that neighbours in the image survive."""
-
-_FRAME = ("dut", "cycle", "step", "stage_angle_deg")
+"""Larger tables are searched in part: whole cycles, steps or images, so that what lies next to a row survives."""
 
 
 def sha256_of(path: Path) -> str:
@@ -58,7 +57,7 @@ def load_table(path: Path, *, for_prediction: bool = False, limit: int = MAX_ROW
     Args:
         path: Parquet file in the form of the observation table.
         for_prediction: measured columns may be absent; a channel is then whatever has a `sim_` column.
-        limit: rows kept in memory; of a larger table whole images are drawn.
+        limit: rows kept in memory; of a larger table whole cycles, steps or images are drawn.
 
     Raises:
         DataError: the file cannot be read, has no channel, or fewer than two rows can be compared.
@@ -70,43 +69,36 @@ def load_table(path: Path, *, for_prediction: bool = False, limit: int = MAX_ROW
     kept = _read(path, file, limit)
     columns = columns_of(kept, path=path, for_prediction=for_prediction)
     if rows > columns.n:
-        columns.ignored["(rows)"] = f"{columns.n} of {rows} rows were searched (whole images, evenly drawn)"
+        columns.ignored["(rows)"] = (
+            f"{columns.n} of {rows} were searched (whole cycles, steps or images, evenly drawn)"
+        )
     return columns
 
 
 def _read(path: Path, file: pq.ParquetFile, limit: int) -> pa.Table:
-    rows = file.metadata.num_rows
     try:
-        if rows <= limit:
+        if file.metadata.num_rows <= limit:
             return file.read()
-        share = limit / rows
-        keys = [name for name in _FRAME if name in file.schema_arrow.names]
-        pieces: list[pa.Table] = []
-        for batch in file.iter_batches(batch_size=200_000):
-            piece = pa.Table.from_batches([batch])
-            pieces.append(piece.filter(pa.array(_drawn(piece, keys, share, len(pieces)))))
-        return pa.concat_tables(pieces)
+        return read_rows(path, file, drawn_rows(file, limit))
     except (pa.ArrowException, OSError) as error:
         raise DataError(f"{path}: cannot be read ({str(error).splitlines()[0]})") from None
 
 
-def _drawn(piece: pa.Table, keys: list[str], share: float, index: int) -> NDArray[np.bool_]:
-    """Rows of the images that a hash of their keys draws; without keys every 1/share-th row."""
-    if not keys:
-        place = np.arange(piece.num_rows) + index * 200_000
-        return np.floor((place + 1) * share) > np.floor(place * share)
-    mixed = np.zeros(piece.num_rows, dtype=np.uint64)
-    for name in keys:
-        values = piece[name].to_numpy(zero_copy_only=False)
-        if values.dtype.kind in "OUS":
-            level, inverse = np.unique(values.astype(str), return_inverse=True)
-            seeds = [int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little") for text in level]
-            bits = np.array(seeds, dtype=np.uint64)[inverse]
-        else:
-            bits = np.asarray(values, dtype=np.float64).view(np.uint64)
-        mixed = (mixed ^ bits) * np.uint64(0x9E3779B97F4A7C15)
-        mixed ^= mixed >> np.uint64(29)
-    return (mixed >> np.uint64(11)).astype(np.float64) / float(1 << 53) < share
+def table_in_batches(path: Path) -> Iterator[tuple[IntArray, Columns]]:
+    """A table for prediction, in batches of rows that belong together: their numbers in the file, and their columns.
+
+    Tables that fit into memory come as one batch.
+
+    Raises:
+        DataError: see `load_table`.
+    """
+    file = open_table(path)
+    if file.metadata.num_rows <= MAX_ROWS_IN_MEMORY:
+        columns = load_table(path, for_prediction=True)
+        yield np.arange(columns.n), columns
+        return
+    for rows in batches_of_parcels(file):
+        yield rows, columns_of(read_rows(path, file, rows), path=path, for_prediction=True)
 
 
 def columns_of(table: pa.Table, *, path: Path | str = "table", for_prediction: bool = False) -> Columns:
