@@ -124,9 +124,10 @@ class MockStage(Mock):
         self._called("move_to_deg", angle_deg)
         self.angle_deg = angle_deg
 
-    def wait_until_reached(self, timeout_s: float) -> None:
-        """It is there."""
+    def wait_until_reached(self, timeout_s: float) -> float:
+        """It has been there since the clock began."""
         self._called("wait_until_reached", timeout_s)
+        return 0.0
 
     def position_deg(self) -> float:
         """Where it was sent."""

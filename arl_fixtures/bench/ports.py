@@ -110,8 +110,8 @@ class TcpPort:
     def read(self, timeout_s: float) -> bytes:
         """At least one byte, or nothing at time-out."""
         try:
-            # a time-out of zero would make the socket non-blocking, which fails otherwise than by TimeoutError
-            self._socket.settimeout(max(timeout_s, 1e-6))
+            # zero means not to wait at all: a real time-out is at least a millisecond, as long as some answers take
+            self._socket.settimeout(max(timeout_s, 0.0))
             data = self._socket.recv(65536)
         except (TimeoutError, BlockingIOError):
             return b""

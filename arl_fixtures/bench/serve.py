@@ -61,7 +61,8 @@ class EmulatorServer:
     def __init__(self, clock: Clock | None = None, *, destination: str = LOOPBACK) -> None:
         self.clock: Clock = clock or RealClock()
         self._destination = destination
-        self._selector = selectors.DefaultSelector()
+        # epoll waits in whole milliseconds, which is longer than a module takes to answer
+        self._selector = selectors.SelectSelector()
         self._lines: list[_Line] = []
         self._due: list[tuple[float, int, _Line, bytes]] = []
         self._order = itertools.count()

@@ -29,21 +29,24 @@ def sweep(
 ) -> Iterator[AngleRecord]:
     """Drive through `angles_deg`, yield what was recorded at each, and return to the first angle.
 
-    Frames count only if their exposure began after the stage reported that it stands. The temperature control
-    goes on; `between` runs once per angle (interlock, progress). `lose` is told of DUTs that stopped delivering: it
-    raises, or the sweep goes on without them as long as there are others.
+    Frames count only if their exposure began after the stage reported that it stands. Whatever needs no standing
+    stage is done while it moves on: the temperature control, what the caller does with a record, and `between`, which
+    runs once per angle (interlock, progress). `lose` is told of DUTs that stopped delivering: it raises, or the sweep
+    goes on without them as long as there are others.
 
     Raises:
         DeviceError: the stage does not arrive, or a DUT is silent; the message names it.
     """
     settings, clock, stage = bench.config.sweep, bench.clock, bench.stage
     serials = bench.serials
+    recorded: AngleRecord | None = None
     for index, angle_deg in enumerate(angles_deg):
         stage.move_to_deg(angle_deg)
-        # the control's turn takes longer than a frame on slow lines; while the stage moves it costs nothing
+        if recorded is not None:
+            yield recorded
+            between()
         bench.turn()
-        stage.wait_until_reached(settings.move_timeout_s)
-        not_before_s = clock.now_s + settings.rest_s
+        not_before_s = stage.wait_until_reached(settings.move_timeout_s) + settings.rest_s
         actual_deg = stage.position_deg()
         try:
             blocks = bench.duts.collect(
@@ -60,8 +63,9 @@ def sweep(
                 raise
             lose(error)
             blocks = dict(error.blocks)
-        yield AngleRecord(index, actual_deg, clock.utc_ns(), blocks)
-        between()
-    if angles_deg:
+        recorded = AngleRecord(index, actual_deg, clock.utc_ns(), blocks)
+    if recorded is not None:
         stage.move_to_deg(angles_deg[0])
+        yield recorded
+        between()
         stage.wait_until_reached(settings.move_timeout_s)

@@ -102,8 +102,12 @@ class Stage(Protocol):
     def move_to_deg(self, angle_deg: float) -> None:
         """Start to move; returns at once."""
 
-    def wait_until_reached(self, timeout_s: float) -> None:
-        """Wait for the end of the motion; raises when it ended at a limit switch, stalled or never ended."""
+    def wait_until_reached(self, timeout_s: float) -> float:
+        """Wait for the end of the motion; raises when it ended at a limit switch, stalled or never ended.
+
+        Returns:
+            Bench time since which it surely stands; frames whose exposure began later count.
+        """
 
     def position_deg(self) -> float:
         """Where the stage is."""

@@ -141,16 +141,21 @@ class TmclStage:
         settings = self._settings
         target = round(settings.clockwise_sign * (angle_deg - settings.reference_angle_deg) * settings.steps_per_deg)
         way_deg = abs(target - self._start_steps) / settings.steps_per_deg
+        asked_s = self._clock.now_s
         self._module.do(Command.MOVE, MoveType.ABSOLUTE, target)
         self._target_steps = self._start_steps = target
-        self._arrival_s = self._clock.now_s + _duration_s(
-            way_deg, settings.max_speed_deg_s, settings.acceleration_deg_s2
-        )
+        # it set off somewhere between question and answer
+        began_s = (asked_s + self._clock.now_s) / 2
+        self._arrival_s = began_s + _duration_s(way_deg, settings.max_speed_deg_s, settings.acceleration_deg_s2)
 
-    def wait_until_reached(self, timeout_s: float) -> None:
+    def wait_until_reached(self, timeout_s: float) -> float:
         """Wait for the end of the move.
 
-        Most of the expected time is slept through; then `reached` is asked every `poll_s`.
+        Most of the expected time is slept through; then `reached` is asked every `poll_s`. Where it stands is
+        verified after that, which takes a while on a serial line and does not change since when it stood.
+
+        Returns:
+            Bench time of the answer `reached`: it has stood since then at the latest.
 
         Raises:
             DeviceError: it stands somewhere else; the message names limit switch, stall, missed steps or restart.
@@ -168,7 +173,9 @@ class TmclStage:
                 where = self._angle_text()
                 raise DeviceTimeoutError(f"{self._module.place}: still moves after {timeout_s:g} s, at {where}")
             clock.sleep(self._settings.poll_s)
+        stands_since_s = clock.now_s
         self._verify_arrival(self._target_steps)
+        return stands_since_s
 
     def position_deg(self) -> float:
         """Stage angle by the step counter."""

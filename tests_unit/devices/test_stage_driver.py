@@ -3,6 +3,7 @@ from __future__ import annotations
 import pytest
 
 from arl_fixtures.errors import DeviceError, DeviceTimeoutError, LocalProtocolError
+from arl_fixtures.protocols.tmcl import Axis
 from tests_unit.line_bench import LineBench
 
 
@@ -45,9 +46,25 @@ def test_a_step_of_the_sweep_takes_what_physics_takes():
     bench.stage.wait_until_reached(30.0)
     start_s = bench.clock.now_s
     bench.stage.move_to_deg(0.9)
-    bench.stage.wait_until_reached(30.0)
+    stands_since_s = bench.stage.wait_until_reached(30.0)
     assert 0.1897 < bench.clock.now_s - start_s < 0.1897 + 0.02
-    assert bench.plant.stage_at_rest(bench.clock.now_s, bench.clock.now_s)
+    assert bench.plant.stage_at_rest(stands_since_s, bench.clock.now_s)
+
+
+@pytest.mark.parametrize("way_deg", [0.003, 0.9, 1.0, 7.3, 60.0])
+@pytest.mark.parametrize("slower", [1.0, 0.6])
+def test_it_never_says_that_it_stands_while_it_turns(way_deg: float, slower: float):
+    """Not even where the mechanics are slower than the driver believes when it foretells the arrival."""
+    bench = homed()
+    bench.stage.move_to_deg(0.0)
+    bench.stage.wait_until_reached(30.0)
+    if slower < 1.0:
+        module = bench.stage._module
+        module.set_axis(Axis.ACCELERATION, round(slower * module.axis(Axis.ACCELERATION)))
+    bench.stage.move_to_deg(way_deg)
+    stands_since_s = bench.stage.wait_until_reached(30.0)
+    assert bench.plant.stage_at_rest(stands_since_s, bench.clock.now_s)
+    assert not bench.plant.stage_at_rest(stands_since_s - 0.02, stands_since_s)
 
 
 def test_it_moves_nowhere_before_it_is_homed_or_beyond_its_limits():
