@@ -15,7 +15,7 @@ from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.diagnosis import Diagnosis
 from arl_fixtures.reconcile.effect import Parameter, State, Variant
-from arl_fixtures.reconcile.features import features_of
+from arl_fixtures.reconcile.features import category_id, features_of
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm
 from arl_fixtures.reconcile.terms import Term, field_keys, forward
 from arl_fixtures.reconcile.view import View
@@ -205,6 +205,8 @@ def terms_of(model: ModelFile, view: View, path: Path) -> list[Term]:
         missing = [c for c in item.drivers if not (view.has(c) or view.has(f"sim_{c}"))]
         if missing:
             raise DataError(f"the table lacks column '{missing[0]}', which drives {item.effect}")
+        if item.channels and not any(view.has(f"sim_{c}") for c in item.channels):
+            raise DataError(f"the table lacks column 'sim_{item.channels[0]}', which {item.effect} changes")
         variant = _variant_of(item)
         fields = {
             name: {tuple(str(k) for k in row[:-1]): float(row[-1]) for row in field.levels}
@@ -264,16 +266,24 @@ def laws_of(model: ModelFile) -> list[Law]:
 
 
 def corrected_state(model: ModelFile, terms: list[Term], view: View) -> State:
-    """Corrected simulation of a view: effects, laws, calibration constants."""
-    state = forward(terms, view)
+    """Corrected simulation of a view: effects, laws, calibration constants.
+
+    Raises:
+        DataError: something that the model needs is neither in it nor in the table.
+    """
+    try:
+        state = forward(terms, view)
+    except KeyError as error:
+        effects = ", ".join(sorted(t.effect.id for t in terms))
+        raise DataError(f"{effects}: needs {error}, which neither model.yaml nor the table has") from None
     laws = [law for law in laws_of(model) if law.channel in state]
     if laws:
         features = features_of(view)
         for law in laws:
             needed = {a.column for t in law.terms for a in t.axes if a.column} | set(law.binned_names)
             missing = sorted(n for n in needed if n not in features and not n.startswith("~"))
-            constant = {n: view.number(n) for n in missing if n in view.columns.numbers}
-            lacking = [n for n in missing if n not in constant and n not in view.columns.categories]
+            constant = {n: _single(view, n) for n in missing if view.has(n)}
+            lacking = [n for n in missing if n not in constant]
             if lacking:
                 raise DataError(
                     f"the table lacks column '{lacking[0]}', which drives the unknown effect on {law.channel}"
@@ -284,6 +294,14 @@ def corrected_state(model: ModelFile, terms: list[Term], view: View) -> State:
             values = _constants_on_rows(model, constants, view)
             state[channel] = state[channel] * (1.0 + values) if channel in model.relative else state[channel] + values
     return state
+
+
+def _single(view: View, name: str) -> FloatArray:
+    """A column that does not vary in this table, as a feature."""
+    if name in view.columns.numbers:
+        return view.number(name)
+    codes, labels = view.codes(name)
+    return np.array([*(category_id(label) for label in labels), np.nan])[codes]
 
 
 def _constants_on_rows(model: ModelFile, constants: dict[str, float], view: View) -> FloatArray:

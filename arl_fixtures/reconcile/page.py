@@ -129,7 +129,7 @@ class _Maker:
         """What the table holds."""
         columns, problem = self.decision.problem.columns, self.decision.problem
         rows = words.counted(self.diagnosis.rows)
-        if self.view.n < self.diagnosis.rows:
+        if self.view.n < columns.n or "(rows)" in self.diagnosis.notes:
             rows += f" ({words.counted(self.view.n)} of them were searched, evenly drawn"
             rows += (
                 f"; the pictures show {words.counted(self.shown.problem.view.n)} others)" if self.shown.fresh else ")"

@@ -19,6 +19,12 @@ from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray, find_c
 from arl_fixtures.reconcile.parcels import batches_of_parcels, drawn_rows, read_rows
 
 ALWAYS_CATEGORY = frozenset({"dut", "surface", "mixed"})
+FEWEST_ROWS = 4
+"""Rows that a channel must have, measured and simulated."""
+LARGEST = 1e30
+"""No quantity is larger: what is beyond counts as infinite."""
+IDENTITY = frozenset({"time_s", "stage_angle_deg", "pixel_u", "pixel_v", "true_range_m"})
+"""Columns of which each tells observations apart."""
 MAX_ROWS_IN_MEMORY = 2_500_000
 """Larger tables are searched in part: whole cycles, steps or images, so that what lies next to a row survives."""
 
@@ -38,6 +44,8 @@ def open_table(path: Path) -> pq.ParquetFile:
     Raises:
         DataError: no such file, not Parquet, no rows, or a column name twice.
     """
+    if path.is_dir():
+        raise DataError(f"{path}: is a folder; expected a Parquet file")
     if not path.is_file():
         raise DataError(f"{path}: no such file")
     try:
@@ -60,7 +68,7 @@ def load_table(path: Path, *, for_prediction: bool = False, limit: int = MAX_ROW
         limit: rows kept in memory; of a larger table whole cycles, steps or images are drawn.
 
     Raises:
-        DataError: the file cannot be read, has no channel, or fewer than two rows can be compared.
+        DataError: the file cannot be read, or has no channel with enough rows to compare.
     """
     file = open_table(path)
     rows = file.metadata.num_rows
@@ -68,9 +76,9 @@ def load_table(path: Path, *, for_prediction: bool = False, limit: int = MAX_ROW
         raise DataError(f"{path}: has no rows")
     kept = _read(path, file, limit)
     columns = columns_of(kept, path=path, for_prediction=for_prediction)
-    if rows > columns.n:
+    if rows > kept.num_rows:
         columns.ignored["(rows)"] = (
-            f"{columns.n} of {rows} were searched (whole cycles, steps or images, evenly drawn)"
+            f"{kept.num_rows} of {rows} were searched (whole cycles, steps or images, evenly drawn)"
         )
     return columns
 
@@ -129,10 +137,41 @@ def columns_of(table: pa.Table, *, path: Path | str = "table", for_prediction: b
     channels = find_channels(set(numbers))
     if not channels:
         raise DataError(f"{path}: {_why_no_channel(table.column_names, ignored)}")
-    columns = Columns(table.num_rows, numbers, categories, channels, ignored)
-    if not for_prediction and columns.n < 2:
-        raise DataError(f"{path}: has 1 row; a comparison needs at least 2")
-    return columns
+    _note_empty(numbers, ignored)
+    if not for_prediction:
+        _drop_repeats(numbers, categories, ignored)
+    return Columns(len(numbers[channels[0].name]), numbers, categories, channels, ignored)
+
+
+def _note_empty(numbers: dict[str, FloatArray], ignored: dict[str, str]) -> None:
+    for name in sorted(numbers):
+        if not np.any(np.isfinite(numbers[name])):
+            ignored.setdefault(name, "holds no value")
+    frames = numbers.get("n_frames")
+    if frames is not None and np.any(frames < 1):
+        ignored["n_frames (rows)"] = f"{int(np.sum(frames < 1))} rows count fewer than one frame; taken as one"
+
+
+def _drop_repeats(
+    numbers: dict[str, FloatArray], categories: dict[str, tuple[IntArray, tuple[str, ...]]], ignored: dict[str, str]
+) -> None:
+    """Use rows that stand twice once: a copy is no second witness.
+
+    Only where a column says which observation a row is: coarse values without one repeat by themselves.
+    """
+    if not IDENTITY & set(numbers):
+        return
+    mixed = np.zeros(len(next(iter(numbers.values()))), dtype=np.uint64)
+    for values in [*numbers.values(), *(codes for codes, _ in categories.values())]:
+        mixed = (mixed ^ np.ascontiguousarray(values).view(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)
+        mixed ^= mixed >> np.uint64(29)
+    first = np.sort(np.unique(mixed, return_index=True)[1])
+    if len(first) < len(mixed):
+        ignored["(repeated rows)"] = f"{len(mixed) - len(first)} rows repeat another in all columns; used once"
+        for name in numbers:
+            numbers[name] = numbers[name][first]
+        for name, (codes, labels) in categories.items():
+            categories[name] = codes[first], labels
 
 
 def _is_text(kind: pa.DataType) -> bool:
@@ -164,10 +203,10 @@ def _label(value: object) -> str:
 
 def _number(name: str, column: pa.ChunkedArray, ignored: dict[str, str]) -> FloatArray:
     values = np.array(column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False), dtype=np.float64)
-    infinite = np.isinf(values)
-    if infinite.any():
-        values[infinite] = np.nan
-        ignored[f"{name} (rows)"] = f"{int(infinite.sum())} infinite values are taken as not observed"
+    wild = np.abs(values) > LARGEST
+    if wild.any():
+        values[wild] = np.nan
+        ignored[f"{name} (rows)"] = f"{int(wild.sum())} infinite values are taken as not observed"
     return values
 
 
@@ -192,14 +231,18 @@ def _check_text(
 def _check_pairs(numbers: dict[str, FloatArray], ignored: dict[str, str], *, for_prediction: bool) -> None:
     for name in sorted(n for n in numbers if n.startswith("sim_")):
         bare = name.removeprefix("sim_")
-        if name.endswith("_repeat_std") or (name.endswith("_std") and f"sim_{bare.removesuffix('_std')}" in numbers):
+        scatter = name.endswith("_std") and f"sim_{bare.removesuffix('_std')}" in numbers
+        if name.endswith("_repeat_std") or (scatter and bare not in numbers):
             continue
         if bare not in numbers:
             ignored[name] = f"has no measured column '{bare}' beside it"
-        elif not for_prediction and not np.any(np.isfinite(numbers[bare]) & np.isfinite(numbers[name])):
-            ignored[bare] = "is nowhere observed together with its simulation"
-            del numbers[bare]
-        elif for_prediction and not np.any(np.isfinite(numbers[name])):
+        elif not for_prediction:
+            both = int(np.sum(np.isfinite(numbers[bare]) & np.isfinite(numbers[name])))
+            if both < FEWEST_ROWS:
+                where = f"in only {both} row{'s' if both > 1 else ''}" if both else "nowhere"
+                ignored[bare] = f"is {where} observed together with its simulation; {FEWEST_ROWS} rows are needed"
+                del numbers[bare]
+        elif not np.any(np.isfinite(numbers[name])):
             ignored[name] = "holds no value"
 
 

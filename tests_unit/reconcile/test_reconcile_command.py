@@ -9,6 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
+from arl_fixtures.reconcile import parcels, table
 from arl_fixtures.reconcile.command import predict, reconcile, reconcile_command
 
 SCHEMA = Path(__file__).parents[3] / "shared" / "spec" / "diagnosis.schema.json"
@@ -99,6 +100,27 @@ def test_predicting_without_a_driver_names_the_missing_column(tmp_path, make_tab
     with pytest.raises(DataError, match="intensity_counts"):
         predict(tmp_path / "out", save(tmp_path / "new.parquet", fresh), tmp_path / "p.parquet")
     assert not (tmp_path / "p.parquet").exists()
+
+
+def test_a_table_too_large_for_memory_is_predicted_in_batches_alike(tmp_path, make_table, save, parity, monkeypatch):
+    """Worked through in batches of whole cycles, each row gets what it gets with the whole table in memory."""
+    parts = [make_table(seed, parity, steps=10) for seed in (3, 4, 5)]
+    for number, part in enumerate(parts):
+        part["cycle"] = np.full(len(part["cycle"]), float(number + 1))
+    order = np.random.default_rng(1).permutation(sum(len(p["cycle"]) for p in parts))
+    path = save(tmp_path / "t.parquet", {n: np.concatenate([p[n] for p in parts])[order] for n in parts[0]})
+    reconcile(path, tmp_path / "whole")
+    predict(tmp_path / "whole", path, tmp_path / "whole.parquet")
+    monkeypatch.setattr(table, "MAX_ROWS_IN_MEMORY", 3_000)
+    monkeypatch.setattr(parcels.batches_of_parcels, "__defaults__", (2_500,))
+    assert len(list(table.table_in_batches(path))) > 2
+    predict(tmp_path / "whole", path, tmp_path / "batches.parquet")
+    assert np.allclose(column(tmp_path / "whole.parquet", "corrected_distance_m"),
+                       column(tmp_path / "batches.parquet", "corrected_distance_m"), rtol=0, atol=1e-12)  # fmt: skip
+    reconcile(path, tmp_path / "batches")
+    found = pq.read_table(tmp_path / "batches" / "localisation.parquet")
+    assert found.num_rows == len(order)
+    assert found.schema == pq.read_schema(tmp_path / "whole" / "localisation.parquet")
 
 
 def test_a_table_without_pixels_angles_or_temperatures_is_compared_too(tmp_path, save):
