@@ -16,7 +16,6 @@ from arl_fixtures.emulators.faults import Fault
 from arl_fixtures.plugin.setup import SessionFiles
 from tests_bench.small_cycle import Ended, fast, files_for, run_cycle, write_files
 
-START_S = 215.0
 OUTAGE_S = 20.0
 PAGE = Path(__file__).parents[1] / "docs" / "reliability.md"
 LINES = ("chiller", "thermometer", "stage", "relays")
@@ -174,11 +173,20 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Any:
     numbers = iter(range(1_000_000))
 
     def cycle(device: str, kind: FaultKind, **more: float) -> Ended:
-        fault = Fault(device="dut_1" if device == "dut" else device, kind=kind, start_s=START_S, **more)
+        fault = Fault(device="dut_1" if device == "dut" else device, kind=kind, start_s=start_s, **more)
         return run_cycle(files_for(options, folder / f"out-{next(numbers)}", known), [fault])
 
     with fast():
+        start_s = within_first_sweep_s(run_cycle(files_for(options, folder / "healthy", known)))
         yield cycle
+
+
+def within_first_sweep_s(healthy: Ended) -> float:
+    """Bench time in the middle of the first sweep, which is the reference's."""
+    lines = healthy.record.lines
+    began_s = next(line.time_s for line in lines if line.entry.type == "step_begin")
+    settled_s = began_s + healthy.entries("settle")[0].duration_s
+    return 0.5 * (settled_s + next(line.time_s for line in lines if line.entry.type == "step_end"))
 
 
 @pytest.mark.parametrize(("device", "kind"), list(REACTIONS), ids=[f"{d}-{k.value}" for d, k in REACTIONS])

@@ -19,6 +19,8 @@ from arl_fixtures.errors import DeviceError, InterlockError
 from arl_fixtures.metrics.block import AngleBlock
 
 SAFE_ATTEMPTS: Final = 3
+LOOK_S: Final = 0.75
+"""How often, while the bench only waits, somebody may look whether all is well."""
 CONTROL_CHECK_S: Final = 30.0
 """How often the chiller is asked, while the housings settle, whether it still controls."""
 SILENCE_CHECK_S: Final = 0.3
@@ -104,6 +106,7 @@ class Bench:
         self.set_temperature_c: float | None = None
         self.enter_step = on_step
         self.made_safe_by: Callable[[], list[str] | None] = _nobody_else
+        self.look: Callable[[], None] = _nobody_looks
         self._control: CascadedControl | None = None
         self._next_turn_s = clock.now_s
         self._closed = False
@@ -148,8 +151,9 @@ class Bench:
         return reading
 
     def turn(self) -> BenchReading | None:
-        """One turn of the control loop if it is due."""
+        """One turn of the control loop if it is due; else time to look whether all is well."""
         if self.clock.now_s < self._next_turn_s:
+            self.look()
             return None
         self._next_turn_s = self.clock.now_s + self.config.control.period_s
         reading = self.read()
@@ -209,14 +213,19 @@ class Bench:
 
     def wait_for_turn(self) -> None:
         """Let time pass until the control loop is due."""
-        self.clock.sleep(max(self._next_turn_s - self.clock.now_s, 0.0))
+        self._wait_until(self._next_turn_s)
 
     def soak(self, duration_s: float) -> None:
         """Hold the temperature for `duration_s`."""
         end_s = self.clock.now_s + duration_s
         while self.clock.now_s < end_s:
             self.turn()
-            self.clock.sleep(max(min(self._next_turn_s, end_s) - self.clock.now_s, 0.0))
+            self._wait_until(min(self._next_turn_s, end_s))
+
+    def _wait_until(self, time_s: float) -> None:
+        while (left_s := time_s - self.clock.now_s) > 0.0:
+            self.clock.sleep(min(left_s, LOOK_S))
+            self.look()
 
     def make_safe(self) -> list[str]:
         """Laser and DUT power off, set-point to the safe temperature, stage stopped; each verified and retried.
@@ -272,6 +281,10 @@ class Bench:
 
 def _nobody_else() -> None:
     """Without a guard the bench makes itself safe."""
+
+
+def _nobody_looks() -> None:
+    """A guard outside looks by itself."""
 
 
 def _attempt(name: str, action: Callable[[], None]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Final
 
 _MASK: Final = (1 << 64) - 1
@@ -12,9 +13,13 @@ _UNIT: Final = 1.0 / (1 << 53)
 
 def hash64(seed: int, stream: int, index: int) -> int:
     """Mix three integers to 64 bits (SplitMix64, Steele, Lea and Flood 2014)."""
-    mixed = _splitmix((seed * _GOLDEN) & _MASK)
-    mixed = _splitmix(mixed ^ (stream & _MASK))
-    return _splitmix(mixed ^ (index & _MASK))
+    return _splitmix(_stream_state(seed, stream) ^ (index & _MASK))
+
+
+@lru_cache(maxsize=64)
+def _stream_state(seed: int, stream: int) -> int:
+    """What all numbers of a stream begin with."""
+    return _splitmix(_splitmix((seed * _GOLDEN) & _MASK) ^ (stream & _MASK))
 
 
 def uniform(seed: int, stream: int, index: int) -> float:

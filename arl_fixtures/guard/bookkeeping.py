@@ -55,7 +55,7 @@ class Bookkeeping:
         if record.what == Event.JOIN.value:
             write_durably(self._places.driven, json.dumps({"since_utc": now_utc()}) + "\n")
         elif record.what in _STOPS:
-            self._begin(record, str(record.detail["cause"]))
+            self._begin(core, record, str(record.detail["cause"]))
         elif record.what == Event.LEAVE.value:
             self._actions = []
         elif record.what == Event.RETRY.value:
@@ -69,7 +69,7 @@ class Bookkeeping:
         if after in {State.IDLE, State.SAFE}:
             self._places.driven.unlink(missing_ok=True)
 
-    def _begin(self, record: Record, cause: str) -> None:
+    def _begin(self, core: GuardCore, record: Record, cause: str) -> None:
         # written before the first action: should the guard die now, the next one knows
         self._actions = []
         self._open = StopReport(
@@ -78,6 +78,7 @@ class Bookkeeping:
             utc=now_utc(),
             bench_time_s=round(record.time_s, 6),
             unverified={"all safe actions": "under way"},
+            ack_if_verified=core.needs_ack,
         )
         self._keep(self._open)
 
@@ -86,7 +87,7 @@ class Bookkeeping:
         if self._open is None:
             if not unverified:
                 return
-            self._begin(record, core.cause)
+            self._begin(core, record, core.cause)
         assert self._open is not None
         actions = [*self._open.actions, *self._actions]
         self._keep(replace(self._open, actions=actions, unverified=unverified, needs_ack=core.needs_ack))

@@ -6,7 +6,7 @@
     HOLDING  a condition asks the test to pause                 CLEAR, TRIP, LEAVE
     CLOSING  the test said good-bye; safe actions are verified  SETTLED, UNSAFE
     TRIPPED  safe actions under way                             SETTLED, UNSAFE
-    SAFE     stopped; nothing may drive the bench               PARDON, ACK, RETRY
+    SAFE     stopped; nothing may drive the bench               PARDON, ACK, RETRY, FOUND
 
 Whatever is not in `TRANSITIONS` cannot happen; everything that decides a transition is in this file. `SETTLED`
 means that every safe action was verified by read-back, `UNSAFE` that some could not be, as often as it was tried.
@@ -59,7 +59,12 @@ TRANSITIONS: Final[Mapping[State, Mapping[Event, State]]] = MappingProxyType(
         State.HOLDING: {Event.CLEAR: State.ARMED, Event.TRIP: State.TRIPPED, Event.LEAVE: State.CLOSING},
         State.CLOSING: {Event.SETTLED: State.IDLE, Event.UNSAFE: State.SAFE},
         State.TRIPPED: {Event.SETTLED: State.SAFE, Event.UNSAFE: State.SAFE},
-        State.SAFE: {Event.PARDON: State.IDLE, Event.ACK: State.IDLE, Event.RETRY: State.TRIPPED},
+        State.SAFE: {
+            Event.PARDON: State.IDLE,
+            Event.ACK: State.IDLE,
+            Event.RETRY: State.TRIPPED,
+            Event.FOUND: State.TRIPPED,
+        },
     }
 )
 
@@ -182,10 +187,16 @@ class GuardCore:
         if self.state in DRIVEN:
             self._trip(now_s, how, needs_ack=self._settings.ack_after_lost_test)
 
-    def found(self, now_s: float, how: str) -> None:
-        """The guard has just started and finds that its predecessor died while a test drove the bench."""
+    def found(self, now_s: float, how: str, *, needs_ack: bool) -> None:
+        """The guard has just started and finds that its predecessor died while a test drove the bench.
+
+        Args:
+            now_s: bench time.
+            how: what is known of it.
+            needs_ack: whether it is to be acknowledged even when every safe action is verified.
+        """
         self._make_safe(Event.FOUND, now_s, how)
-        self.needs_ack = self._settings.ack_after_lost_test
+        self.needs_ack = needs_ack
 
     def retry(self, now_s: float) -> None:
         """Try safe actions again that could not be verified; nothing if all were, or something else is going on."""

@@ -272,7 +272,8 @@ def _connected(
 
 def _require_acknowledged(places: Places) -> None:
     stop: StopReport | None = read_stop(places)
-    if stop is not None and stop.blocks:
+    # where nobody has ended a session a guard must come first, and refuse the test after that
+    if stop is not None and stop.blocks and not places.driven.exists():
         raise InterlockError(f"{stop}; acknowledge with: arl ack")
 
 

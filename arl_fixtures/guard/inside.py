@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-from collections.abc import Mapping
-from typing import Self, final
+from collections.abc import Mapping, Sequence
+from typing import Final, Self, final
 
 from arl_fixtures.bench.bench import Bench, BenchReading
 from arl_fixtures.bench.build import Lines
@@ -18,12 +18,21 @@ from arl_fixtures.guard.conditions import Sample
 from arl_fixtures.guard.core import GuardCore, SafeStep
 from arl_fixtures.guard.runtime import Places
 from arl_fixtures.guard.safe_actions import carry_out
-from arl_fixtures.guard.watched import WatchedRelays
+from arl_fixtures.guard.watched import WatchedDuts, WatchedRelays
+
+_SHORTEST_S: Final = 0.6
+"""Time between two looks; in a sweep there is one at each angle, which takes at least that."""
+
+_BLIND_S: Final = 1.5
+"""Longest time without a look where it can be helped."""
 
 
 @final
 class InsideGuard:
-    """Judges each reading of the bench, and by turns chiller, stage and relays.
+    """Judges each reading of the bench, and looks at everything by itself every 1.5 s.
+
+    It never looks while somebody else waits for an answer: while the stage is homed, or while frames are waited for
+    that do not come, it looks after that.
 
     Args:
         config: the bench file.
@@ -45,14 +54,18 @@ class InsideGuard:
         self._core = GuardCore(config.guard)
         self._bench: Bench | None = None
         self._commanded: dict[str, bool] = {}
-        self._turns = itertools.cycle(("chiller", "stage", "relays"))
+        self._halves = itertools.cycle((self._ask_coolant_and_power, self._ask_housings_and_stage))
+        self._looked_s = float("-inf")
+        self._coolant_c: float | None = None
         self._pausing = False
 
     def attach(self, bench: Bench) -> None:
         """Judge every reading of the bench from now on."""
         self._bench = bench
         bench.relays = WatchedRelays(bench.relays, self._note_commanded)
+        bench.duts = WatchedDuts(bench.duts, self._on_awaited)
         bench.observers.append(self._see)
+        bench.look = self._look
         self._core.join(bench.clock.now_s)
         self._write_down()
 
@@ -114,38 +127,73 @@ class InsideGuard:
                 self._commanded[load] = on
 
     def _see(self, reading: BenchReading) -> None:
+        """Judge what the bench has read."""
+        self._judge(Sample(time_s=reading.time_s, temperatures_c=reading.temperatures_c, housings=reading.housings))
+
+    def _look(self) -> None:
+        """Ask half of the devices, if the last time was long enough ago, so that each is asked every 1.5 s.
+
+        Half of them, because in a sweep this is done while the stage turns, and must not take longer than that.
+        """
+        bench = self._bench
+        if bench is None or not self._core.driven or bench.clock.now_s - self._looked_s < _SHORTEST_S:
+            return
+        self._looked_s = bench.clock.now_s
+        self._judge(next(self._halves)(bench))
+
+    def _on_awaited(self, serials: Sequence[str]) -> None:
+        """Frames have come, or not: if that took long, all is looked at before anything else is thought of it."""
+        if serials or self._bench is None or self._bench.clock.now_s - self._looked_s < _BLIND_S:
+            return
+        for _ in range(2):
+            self._looked_s = float("-inf")
+            self._look()
+
+    def _judge(self, sample: Sample) -> None:
         bench, core = self._bench, self._core
         if bench is None or not core.driven:
             return
-        core.beat(reading.time_s)
-        core.see(self._sample(bench, reading))
+        core.beat(sample.time_s)
+        core.see(sample)
         core.tick(bench.clock.now_s)
         if core.to_do is not None:
             self._make_safe(bench)
         self._write_down()
         self.check()
 
-    def _sample(self, bench: Bench, reading: BenchReading) -> Sample:
+    def _ask_coolant_and_power(self, bench: Bench) -> Sample:
         chiller: ChillerStatus | None = None
-        stage_fault: str | None = None
         read_back: Mapping[str, bool] | None = None
-        # one device a turn: asking all of them each time would cost the sweep a tenth of a second
+        self._coolant_c = None
+        # one that does not answer says nothing; that it does not is for whoever needs it to say
         with contextlib.suppress(DeviceError):
-            match next(self._turns):
-                case "chiller":
-                    chiller = bench.chiller.status()
-                case "stage":
-                    stage_fault = bench.stage.fault()
-                case _:
-                    read_back = bench.relays.states()
+            chiller = bench.chiller.status()
+            self._coolant_c = bench.chiller.bath_c()
+        with contextlib.suppress(DeviceError):
+            read_back = bench.relays.states()
         return Sample(
             time_s=bench.clock.now_s,
-            temperatures_c=reading.temperatures_c,
-            housings=reading.housings,
+            temperatures_c={"coolant": self._coolant_c},
             chiller=chiller,
-            stage_fault=stage_fault,
             commanded=self._commanded,
             read_back=read_back,
+        )
+
+    def _ask_housings_and_stage(self, bench: Bench) -> Sample:
+        config = self._config.thermometer
+        temperatures_c: dict[str, float | None] = {"coolant": self._coolant_c}
+        stage_fault: str | None = None
+        with contextlib.suppress(DeviceError):
+            stage_fault = bench.stage.fault()
+        with contextlib.suppress(DeviceError):
+            readings = bench.thermometer.read_c()
+            for name, channel in config.named_channels().items():
+                temperatures_c[name] = readings[channel].value_c if channel < len(readings) else None
+        return Sample(
+            time_s=bench.clock.now_s,
+            temperatures_c=temperatures_c,
+            housings=config.housing_names(),
+            stage_fault=stage_fault,
         )
 
     def _make_safe(self, bench: Bench) -> None:

@@ -69,10 +69,7 @@ class GuardProcess:
         self._retry_s = 0.0
         self._alone_since_s = time.monotonic()
         self._ending = self._over = False
-        since = self._books.found_driven
-        if since and self._core.state is State.IDLE:
-            self._core.found(self._now_s, f"the guard died while a test, there since {since}, drove the bench")
-            self._keep_books()
+        self._end_what_nobody_ended()
 
     @property
     def _now_s(self) -> float:
@@ -134,6 +131,17 @@ class GuardProcess:
             core.retry(self._now_s)
         if not core.driven:
             self._driver = None
+
+    def _end_what_nobody_ended(self) -> None:
+        """A predecessor died while a test drove the bench, or in the middle of making it safe: do that first."""
+        since, stop = self._books.found_driven, self._books.last_stop
+        if not since:
+            return
+        how, needs_ack = f"the guard died while a test, there since {since}, drove the bench", False
+        if stop is not None and stop.blocks:
+            how, needs_ack = f"{stop.cause}; the guard died while it made the bench safe", stop.ack_if_verified
+        self._core.found(self._now_s, how, needs_ack=needs_ack or self._settings.ack_after_lost_test)
+        self._keep_books()
 
     @property
     def _urgent(self) -> bool:

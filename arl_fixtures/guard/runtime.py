@@ -208,7 +208,8 @@ class StopReport:
         bench_time_s: when, on the bench clock.
         actions: each safe action as it was carried out: `time_s`, `step`, `fault` (empty when verified).
         unverified: safe action to why it could not be verified.
-        needs_ack: whether nothing may drive the bench before `arl ack`.
+        needs_ack: whether nothing may drive the bench before `arl ack`; true while the actions are under way.
+        ack_if_verified: whether it must be acknowledged even when every action is verified in the end.
         acknowledged: `by`, `utc`, `note` of the acknowledgement; empty before.
     """
 
@@ -219,6 +220,7 @@ class StopReport:
     actions: list[dict[str, Any]] = field(default_factory=list)
     unverified: dict[str, str] = field(default_factory=dict)
     needs_ack: bool = True
+    ack_if_verified: bool = True
     acknowledged: dict[str, str] = field(default_factory=dict)
 
     @property

@@ -151,7 +151,7 @@ def test_what_could_not_be_verified_is_tried_again_and_still_needs_an_acknowledg
 
 def test_a_session_that_nobody_ended_is_ended():
     core = GuardCore(SETTINGS)
-    core.found(0.0, "the guard died")
+    core.found(0.0, "the guard died", needs_ack=False)
     assert carry_out(core) == list(SafeStep)
     assert core.state is State.IDLE
 
@@ -186,7 +186,7 @@ def happen(core, event, now_s):
         case "lost":
             core.lost(now_s, "died")
         case "found":
-            core.found(now_s, "found")
+            core.found(now_s, "found", needs_ack=False)
         case "retry":
             core.retry(now_s)
         case "beat":

@@ -6,6 +6,7 @@ from arl_fixtures.bench.build import Emulated, open_bench
 from arl_fixtures.bench.clock import VirtualClock
 from arl_fixtures.bench.config import load_bench
 from arl_fixtures.bench.guard_settings import Action, Condition, GuardSettings
+from arl_fixtures.bench.sweep import sweep
 from arl_fixtures.emulators.faults import parse_fault
 from arl_fixtures.errors import HoldError, InterlockError
 from arl_fixtures.guard.acknowledge import acknowledge
@@ -128,4 +129,32 @@ def test_a_relay_that_falls_off_is_noticed(world):
     world.plant.faults.inject(parse_fault(f"relays:reset@{bench.clock.now_s}"))
     with pytest.raises(InterlockError, match=r"dut_1 is off.*against what was commanded"):
         bench.soak(60.0)
+    guard.close()
+
+
+@pytest.mark.parametrize(
+    ("fault", "condition"),
+    [
+        ("chiller:chiller_alarm@{}=-7", ALARM),
+        ("chiller:low_level@{}=2", Condition(watch="level", floor=5.0)),
+        ("chiller:pump_stop@{}", Condition(watch="pump")),
+        ("thermometer:wrong_channel_order@{}=2", Condition(watch="housings", disagreement=3.0)),
+    ],
+)
+@pytest.mark.parametrize("doing", ["settling", "soaking", "sweeping"])
+def test_two_seconds_after_a_trip_the_bench_is_safe_whatever_it_was_doing(world, fault, condition, doing):
+    guard, bench = guarded(world, condition)
+    bench.set_temperature_c = 60.0
+    bench.soak(400.0)
+    since_s = bench.clock.now_s + 33.3
+    world.plant.faults.inject(parse_fault(fault.format(since_s)))
+    work = {
+        "settling": lambda: bench.settle(62.0),
+        "soaking": lambda: bench.soak(60.0),
+        "sweeping": lambda: list(sweep(bench, [0.9 * step for step in range(-60, 60)], frames=10)),
+    }
+    with pytest.raises(InterlockError):
+        work[doing]()
+    assert not any(power(world))
+    assert since_s < bench.clock.now_s <= since_s + 2.0
     guard.close()
