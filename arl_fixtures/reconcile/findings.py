@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.patterns import Pattern, Scatter
 from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.region import columns_as_drivers, energy_region
+from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.screen import screen
 from arl_fixtures.reconcile.search import PRICE, shortlist
 from arl_fixtures.reconcile.terms import Term, forward
@@ -228,7 +230,7 @@ def scatter_finding(decision: Decision, scatter: Scatter) -> Finding:
         effect=term.effect.id, channels=[scatter.channel], where=dict(term.variant.where),
         drivers=list(term.variant.drivers), expression=term.effect.expression(term.variant),
         source=term.effect.source, parameters=[value], held_out=held, strength=scatter.gain, term=term,
-        statement=term.effect.sentence(term.variant, term.values, decision.problem.view),
+        statement=tidy(term.effect.sentence(term.variant, term.values, decision.problem.view)),
         next_experiment=term.effect.next_experiment(term.variant),
     )  # fmt: skip
 
@@ -253,13 +255,14 @@ def held_out_of(data: Sequence[ChannelData], before: State, after: State, blocks
 
 def statement(sentence: str, where: dict[str, list[str] | list[float]], twins: Sequence[str]) -> str:
     """The sentence, where it holds, and what cannot be told from it."""
-    text = sentence.strip()
+    text = tidy(sentence)
     places = []
     for column, bounds in where.items():
         if bounds and isinstance(bounds[0], str):
             places.append(f"{column} {', '.join(str(b) for b in bounds)}")
         elif len(bounds) == 2:
-            places.append(f"{column} {bounds[0]:.4g} to {bounds[1]:.4g}")
+            unit = "" if unit_of(column) == "1" else f" {unit_of(column)}"
+            places.append(f"{column} {bounds[0]:.4g} to {bounds[1]:.4g}{unit}")
     if places:
         text += " Where: " + "; ".join(places) + "."
     if twins:
@@ -267,11 +270,18 @@ def statement(sentence: str, where: dict[str, list[str] | list[float]], twins: S
     return text
 
 
+def tidy(sentence: str) -> str:
+    """A sentence without the unit 1 behind a number, signs before a rounded zero, and spaces before a full stop."""
+    text = re.sub(r"(?<=\d) 1(?= of |[.,;)]|$)", "", sentence.strip())
+    text = re.sub(r"(?<![\w.^*])[+-](?=0\.0+(?:\s|%))", "", text)
+    return re.sub(r"\s+(?=[.,;])", "", re.sub(r"  +", " ", text))
+
+
 def _size_of(total: FloatArray, law: Law, sim: FloatArray) -> str:
     if law.relative:
         share = float(np.nanquantile(np.abs(total / np.where(sim == 0, np.nan, sim)), 0.98))
         return f"{100 * share:.2g} %"
-    return f"{float(np.quantile(np.abs(total), 0.98)):.3g} {law.unit}"
+    return tidy(f"{float(np.quantile(np.abs(total), 0.98)):.3g} {law.unit}")
 
 
 def constant_finding(decision: Decision, d: ChannelData) -> Finding:

@@ -78,8 +78,8 @@ def display_of(channel: Channel) -> tuple[float, str]:
 
 
 def column_unit(column: str) -> str:
-    """Unit of a column; the image's `pixel_v` is no voltage."""
-    return "1" if column in {"pixel_u", "pixel_v"} else unit_of(column)
+    """Unit of a column, `1` for none."""
+    return unit_of(column)
 
 
 def column_label(column: str) -> str:

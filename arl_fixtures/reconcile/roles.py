@@ -14,6 +14,8 @@ UNIT_SUFFIXES = {
 }  # fmt: skip
 """Suffix after the last underscore to the unit it stands for."""
 
+_NO_UNIT = frozenset({"pixel_u", "pixel_v"})
+"""Numbers of a column and a row: their last letter is no unit."""
 _SIGNAL_WORDS = ("intensity", "signal", "photodiode", "amplitude", "power", "optical", "radiance", "light")
 _SIGNAL_UNITS = {"counts", "cps", "kcps", "mcps", "w", "mw", "lux"}
 
@@ -32,11 +34,11 @@ class Role(Enum):
 def suffix(name: str) -> str:
     """Unit suffix of a column name without `sim_` and `_std`; empty where there is none.
 
-    >>> suffix("intensity_counts_std"), suffix("reflectance"), suffix("rail_1v8_v")
-    ('counts', '', 'v')
+    >>> suffix("intensity_counts_std"), suffix("reflectance"), suffix("rail_1v8_v"), suffix("pixel_v")
+    ('counts', '', 'v', '')
     """
     bare = re.sub(r"(_repeat)?_std$", "", name)
-    last = bare.rsplit("_", 1)[-1] if "_" in bare else ""
+    last = bare.rsplit("_", 1)[-1] if "_" in bare and bare not in _NO_UNIT else ""
     return last if last in UNIT_SUFFIXES else ""
 
 

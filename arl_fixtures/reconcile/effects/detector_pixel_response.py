@@ -48,7 +48,8 @@ class PixelResponse(Effect):
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Spread of the gains."""
-        spread = float(np.std(np.asarray(values["gain"], dtype=np.float64))) * 100.0
+        gains = np.asarray(values["gain"], dtype=np.float64)
+        spread = 100.0 * float(np.std(gains) if gains.size > 1 else gains)
         return (
             f"The pixels' gains differ by {spread:.2f} % (standard deviation), the same at every angle and "
             "temperature."
