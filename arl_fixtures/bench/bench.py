@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol, final
 
@@ -256,14 +256,7 @@ class Bench:
     def _power_off(self) -> None:
         """Switch all loads off, and listen: a welded contact does not show in the read-back, but its DUT goes on."""
         self.relays.all_off()
-        off_s = self.clock.now_s
-        switched = set(self.relays.loads())
-        last_s = {serial: dut.last_packet_s for serial, dut in self.duts.listen(SILENCE_CHECK_S).items()}
-        alive = [
-            serial
-            for number, serial in enumerate(self.serials, start=1)
-            if f"dut_{number}" in switched and last_s.get(serial, -math.inf) > off_s + DARK_AFTER_S
-        ]
+        alive = still_sending(self.duts, self.config, self.relays.loads(), self.clock.now_s)
         if alive:
             raise InterlockError(f"{', '.join(alive)} still sends; its relay may be welded")
 
@@ -277,6 +270,23 @@ class Bench:
             with contextlib.suppress(DeviceError):
                 device.close()
         return faults
+
+
+def still_sending(duts: Duts, config: BenchConfig, loads: Collection[str], off_s: float) -> list[str]:
+    """Serial numbers of the DUTs that send though their supply was switched off; takes `SILENCE_CHECK_S`.
+
+    Args:
+        duts: the receiver.
+        config: whose DUTs they are, in the order of their supplies.
+        loads: what was switched; a DUT without a relay of its own may go on.
+        off_s: bench time of the read-back.
+    """
+    last_s = {serial: dut.last_packet_s for serial, dut in duts.listen(SILENCE_CHECK_S).items()}
+    return [
+        dut.serial
+        for number, dut in enumerate(config.dut_settings, start=1)
+        if f"dut_{number}" in loads and last_s.get(dut.serial, -math.inf) > off_s + DARK_AFTER_S
+    ]
 
 
 def _nobody_else() -> None:

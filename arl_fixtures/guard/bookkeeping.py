@@ -60,6 +60,11 @@ class Bookkeeping:
             self._actions = []
         elif record.what == Event.RETRY.value:
             self._open = self.last_stop
+        elif record.what == Event.SENDING.value:
+            if self.last_stop is None or self.last_stop.cause != core.cause or self.last_stop.acknowledged:
+                self._begin(core, record, core.cause)
+            self._open = self.last_stop
+            self._settle(core, record)
         elif record.what == "safe action":
             self._actions.append({"time_s": round(record.time_s, 6), **record.detail})
         elif record.what in {Event.SETTLED.value, Event.UNSAFE.value}:

@@ -1,12 +1,12 @@
 """What the guard decides, without any I/O: events and samples in, a state and things to do out.
 
     state    meaning                                            leaves it by
-    IDLE     no test; the bench is safe                         JOIN, FOUND
+    IDLE     no test; the bench is safe                         JOIN, FOUND, SENDING
     ARMED    a test drives the bench                            HOLD, TRIP, LEAVE
     HOLDING  a condition asks the test to pause                 CLEAR, TRIP, LEAVE
     CLOSING  the test said good-bye; safe actions are verified  SETTLED, UNSAFE
     TRIPPED  safe actions under way                             SETTLED, UNSAFE
-    SAFE     stopped; nothing may drive the bench               PARDON, ACK, RETRY, FOUND
+    SAFE     stopped; nothing may drive the bench               PARDON, ACK, RETRY, FOUND, SENDING
 
 Whatever is not in `TRANSITIONS` cannot happen; everything that decides a transition is in this file. `SETTLED`
 means that every safe action was verified by read-back, `UNSAFE` that some could not be, as often as it was tried.
@@ -50,11 +50,12 @@ class Event(Enum):
     RETRY = "safe actions that could not be verified are tried again"
     PARDON = "verified, and nothing to acknowledge"
     ACK = "somebody acknowledged"
+    SENDING = "a DUT sends though its power is off"
 
 
 TRANSITIONS: Final[Mapping[State, Mapping[Event, State]]] = MappingProxyType(
     {
-        State.IDLE: {Event.JOIN: State.ARMED, Event.FOUND: State.TRIPPED},
+        State.IDLE: {Event.JOIN: State.ARMED, Event.FOUND: State.TRIPPED, Event.SENDING: State.SAFE},
         State.ARMED: {Event.HOLD: State.HOLDING, Event.TRIP: State.TRIPPED, Event.LEAVE: State.CLOSING},
         State.HOLDING: {Event.CLEAR: State.ARMED, Event.TRIP: State.TRIPPED, Event.LEAVE: State.CLOSING},
         State.CLOSING: {Event.SETTLED: State.IDLE, Event.UNSAFE: State.SAFE},
@@ -64,6 +65,7 @@ TRANSITIONS: Final[Mapping[State, Mapping[Event, State]]] = MappingProxyType(
             Event.ACK: State.IDLE,
             Event.RETRY: State.TRIPPED,
             Event.FOUND: State.TRIPPED,
+            Event.SENDING: State.SAFE,
         },
     }
 )
@@ -253,6 +255,12 @@ class GuardCore:
         self._go(Event.SETTLED, now_s)
         if self.state is State.SAFE and not self.needs_ack:
             self._go(Event.PARDON, now_s)
+
+    def sending(self, now_s: float, who: str) -> None:
+        """After the relays read back as off: `who` still sends, in words."""
+        self.unverified = {str(SafeStep.POWER_OFF): who}
+        self.needs_ack = True
+        self._go(Event.SENDING, now_s, unverified=self.unverified)
 
     def acknowledge(self, now_s: float, who: str, note: str) -> None:
         """Somebody has seen the stop and allows the bench to be driven again.

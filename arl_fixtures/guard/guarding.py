@@ -25,7 +25,7 @@ from arl_fixtures.bench.guard_settings import Action
 from arl_fixtures.bench.ports import UdpPort, open_stream
 from arl_fixtures.bench.profile import CycleStep
 from arl_fixtures.devices.port import Clock, DatagramPort, StreamPort
-from arl_fixtures.errors import ConfigError, HoldError, InterlockError
+from arl_fixtures.errors import ArlError, ConfigError, HoldError, InterlockError
 from arl_fixtures.guard.inside import InsideGuard
 from arl_fixtures.guard.link import BeatingClock, GuardedPort, GuardLink, connect_guard
 from arl_fixtures.guard.run import start_guard
@@ -92,6 +92,7 @@ class ProcessGuard:
         self.lines: Lines | None = GuardedLines(config, link, BeatingClock(clock, link, beat_s), lab)
         self.last_stop = link.last_stop or ""
         self._pausing = self._ended = False
+        self._bench: Bench | None = None
 
     @property
     def pid(self) -> int:
@@ -104,6 +105,7 @@ class ProcessGuard:
         bench.duts = WatchedDuts(bench.duts, self._await)
         bench.observers.append(self._on_reading)
         bench.made_safe_by = self._make_safe
+        self._bench = bench
 
     def beat(self) -> None:
         """A sign of life."""
@@ -160,12 +162,16 @@ class ProcessGuard:
         self._link.tell("awaited", serials=list(serials))
 
     def _make_safe(self) -> list[str] | None:
-        """The guard does it; None when it is gone."""
+        """The guard does it; None when it is gone. Then it listens at the DUTs' ports, which are freed for that."""
         try:
             answer = self._link.ask("bye", wait_s=_BYE_S)
         except InterlockError:
             return None
         self._ended = True
+        with contextlib.suppress(ArlError):
+            if self._bench is not None:
+                self._bench.duts.close()
+            answer = self._link.ask("listen", wait_s=_BYE_S)
         return [f"{step} failed: {why}" for step, why in answer.header["unverified"].items()]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, final
 
 from arl_fixtures.bench.config import BenchConfig
@@ -56,6 +56,12 @@ class Hands:
         driver = find_driver(self._config.devices()[kind].driver, kind)
         port = OwnPort(line, self._host, self._attention, self._patience)
         self._drivers[kind] = driver.make(port, self._clock, self._config.device_settings(kind))
+
+    @property
+    def loads(self) -> Sequence[str]:
+        """What the relays switch."""
+        relays: Relays = self._drivers["relays"]
+        return relays.loads()
 
     # -- looking
 

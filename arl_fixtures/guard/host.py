@@ -10,8 +10,8 @@ from typing import Any, Final, Protocol, final
 from arl_fixtures.bench.clock import RealClock
 from arl_fixtures.bench.config import BenchConfig
 from arl_fixtures.bench.drivers import Kind, find_driver
-from arl_fixtures.bench.ports import open_stream
-from arl_fixtures.devices.port import Clock, StreamPort
+from arl_fixtures.bench.ports import UdpPort, open_stream
+from arl_fixtures.devices.port import Clock, DatagramPort, StreamPort
 from arl_fixtures.lab.client import LabClient, LabStreamPort
 
 _SLICE_S: Final = 0.02
@@ -36,6 +36,13 @@ class Host(Protocol):
 
     def open(self, kind: Kind) -> StreamPort:
         """Own a control line."""
+
+    def datagrams(self, port: int) -> DatagramPort:
+        """Listen at a UDP port.
+
+        Raises:
+            DeviceLostError: somebody else does.
+        """
 
     def read(self, port: StreamPort, timeout_s: float, attention: Attention) -> bytes:
         """What arrived on a line within `timeout_s`; empty also when cut short."""
@@ -69,6 +76,11 @@ class RealHost:
         """Own a control line."""
         entry = self._config.devices()[kind]
         return open_stream(entry.url, default_baud=find_driver(entry.driver, kind).default_baud)
+
+    def datagrams(self, port: int) -> DatagramPort:
+        """Listen at a UDP port of the host."""
+        host = self._config.duts.listen
+        return UdpPort(f"udp://{host}:{port}", host, port, self.clock)
 
     def read(self, port: StreamPort, timeout_s: float, attention: Attention) -> bytes:
         """What arrived on a line within `timeout_s`."""
@@ -114,6 +126,10 @@ class LabHost:
     def open(self, kind: Kind) -> StreamPort:
         """Own a control line."""
         return self._client.port(kind)
+
+    def datagrams(self, port: int) -> DatagramPort:
+        """Listen at a UDP port of the lab."""
+        return self._client.datagrams(port)
 
     def read(self, port: StreamPort, timeout_s: float, attention: Attention) -> bytes:
         """What arrived on a line within `timeout_s`."""

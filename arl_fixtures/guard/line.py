@@ -12,6 +12,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, final
 
+from arl_fixtures.bench.build import CONTROL_LINES
+from arl_fixtures.bench.config import BenchConfig
 from arl_fixtures.bench.drivers import Kind
 from arl_fixtures.devices.port import Clock, StreamPort
 from arl_fixtures.errors import ArlError, DeviceError, DeviceTimeoutError
@@ -184,3 +186,23 @@ class Line:
 def why(error: ArlError) -> str:
     """One line of an error."""
     return " ".join(str(error).split())
+
+
+def open_lines(config: BenchConfig, host: Host) -> dict[Kind, Line]:
+    """Own every control line.
+
+    Raises:
+        DeviceError: some cannot be opened; the message names each, one a line.
+    """
+    opened: dict[Kind, Line] = {}
+    faults = []
+    for kind in CONTROL_LINES:
+        try:
+            opened[kind] = Line(kind, host.open(kind), host.clock, quiet_s=config.guard.line_quiet_s)
+        except DeviceError as error:
+            faults.append(f"{kind}: {error}")
+    if faults:
+        for line in opened.values():
+            line.close()
+        raise DeviceError("\n".join(faults))
+    return opened

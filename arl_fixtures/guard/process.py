@@ -7,7 +7,6 @@ first what is most urgent: safe actions, then the test's requests, then its own 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
 from typing import Any, Final, final
 
 from arl_fixtures.bench.build import CONTROL_LINES
@@ -19,9 +18,10 @@ from arl_fixtures.guard.conditions import Sample
 from arl_fixtures.guard.core import GuardCore, SafeStep, State
 from arl_fixtures.guard.hands import Hands
 from arl_fixtures.guard.host import Host
-from arl_fixtures.guard.line import Line
+from arl_fixtures.guard.line import open_lines
 from arl_fixtures.guard.runtime import Lease, Places, process_state
-from arl_fixtures.guard.sessions import Session, Sessions
+from arl_fixtures.guard.sessions import Ear, Session, Sessions
+from arl_fixtures.guard.silence import SilenceCheck
 from arl_fixtures.lab.framing import Message
 
 _LOOK_LIMIT_S: Final = 10.0
@@ -51,13 +51,14 @@ class GuardProcess:
         self._config, self._settings, self._host, self._lease = config, config.guard, host, lease
         self._linger_s = linger_s
         self._books = Bookkeeping(places, config.name)
-        self._lines = _open_lines(config, host)
+        self._lines = open_lines(config, host)
         self._sessions = Sessions(
             places.socket, on_request=self._on_request, on_word=self._on_word, on_lost=self._on_lost
         )
-        self._busy = _Attention(self._sessions, lambda: self._urgent)
+        self._busy = Ear(self._sessions, lambda: self._urgent)
         self._hands = Hands(config, host, self._lines, self._busy)
-        self._waiting = _Attention(self._sessions, lambda: self._urgent or self._has_requests())
+        self._silence = SilenceCheck(config, host, self._hands.loads)
+        self._waiting = Ear(self._sessions, lambda: self._urgent or self._has_requests())
         stop = self._books.last_stop
         self._core = GuardCore(self._settings, stopped=stop is not None and stop.blocks)
         self._driver: Session | None = None
@@ -68,7 +69,7 @@ class GuardProcess:
         self._known_s: dict[Kind, float] = {}
         self._retry_s = 0.0
         self._alone_since_s = time.monotonic()
-        self._ending = self._over = False
+        self._orderly = self._ending = self._over = False
         self._end_what_nobody_ended()
 
     @property
@@ -109,6 +110,8 @@ class GuardProcess:
         self._keep_books()
         if self._core.to_do is not None:
             self._act()
+        elif self._silence.may_listen and not self._core.driven:
+            self._listen()
         elif not self._serve_one() and not self._look_at_one():
             self._consider_ending()
             if not self._over:
@@ -148,10 +151,11 @@ class GuardProcess:
         return bool(self._lost) or (self._ending and self._core.driven)
 
     def _consider_ending(self) -> None:
+        self._end_after_good_bye()
         wall_s = time.monotonic()
         if self._sessions.all:
             self._alone_since_s = wall_s
-        if self._core.state not in _SETTLED or (self._core.unverified and not self._ending):
+        if self._core.state not in _SETTLED or ((self._core.unverified or self._silence.due) and not self._ending):
             return
         alone = self._linger_s is not None and not self._sessions.all
         # stopped and verified: whoever comes to look needs the lines, and the stop is on disk
@@ -244,6 +248,10 @@ class GuardProcess:
                 self._core.acknowledge(self._now_s, str(header.get("by", "")), str(header.get("note", "")))
             case "bye":
                 self._leave(session)
+            case "listen":
+                if self._silence.due:
+                    self._listen()
+                self._end_after_good_bye()
             case op:
                 return self._use_line(session, str(op), message)
         return b""
@@ -259,6 +267,7 @@ class GuardProcess:
         if self._core.state is State.SAFE:
             raise InterlockError(f"{stop}; acknowledge with: arl ack")
         self._core.join(self._now_s)
+        self._silence.forget()
         self._driver = session
         self._commanded, self._awaited = {}, {}
         self._known_s = dict.fromkeys(CONTROL_LINES, self._now_s)
@@ -272,8 +281,12 @@ class GuardProcess:
                 self._act()
             self._driver = None
             self._keep_books()
-            # an orderly end: nobody will come back for the guard's sake
-            self._ending = self._ending or (self._linger_s is not None and self._core.state is State.IDLE)
+            self._orderly = True
+
+    def _end_after_good_bye(self) -> None:
+        """An orderly end: nobody will come back for the guard's sake."""
+        alone = self._orderly and self._linger_s is not None and not self._silence.due
+        self._ending = self._ending or (alone and self._core.state is State.IDLE)
 
     def _use_line(self, session: Session, op: str, message: Message) -> bytes:
         if session is not self._driver or not self._core.driven:
@@ -356,42 +369,14 @@ class GuardProcess:
         if step is None:
             return
         fault = self._hands.do(step, self._settings.attempt_s * 2.0 ** (core.round - 1))
+        if step is SafeStep.POWER_OFF and not fault:
+            self._silence.power_is_off()
         core.did(step, fault, self._now_s)
         self._retry_s = self._now_s + _RETRY_S
 
-
-@final
-class _Attention:
-    """Hears everybody while the guard waits; `cut` says when waiting must end.
-
-    Args:
-        sessions: everybody.
-        cut: whether something more urgent is to be done.
-    """
-
-    def __init__(self, sessions: Sessions, cut: Callable[[], bool]) -> None:
-        self._sessions, self._cut = sessions, cut
-
-    def sockets(self) -> Sequence[Any]:
-        """Everything that may speak."""
-        return self._sessions.sockets()
-
-    def attend(self) -> bool:
-        """Hear; true if the waiting is to be cut short."""
-        self._sessions.hear()
-        return self._cut()
-
-
-def _open_lines(config: BenchConfig, host: Host) -> dict[Kind, Line]:
-    opened: dict[Kind, Line] = {}
-    faults = []
-    for kind in CONTROL_LINES:
-        try:
-            opened[kind] = Line(kind, host.open(kind), host.clock, quiet_s=config.guard.line_quiet_s)
-        except DeviceError as error:
-            faults.append(f"{kind}: {error}")
-    if faults:
-        for line in opened.values():
-            line.close()
-        raise DeviceError("\n".join(faults))
-    return opened
+    def _listen(self) -> None:
+        """Are the DUTs as dark as the relays say?"""
+        if who := self._silence.listen():
+            self._core.sending(self._now_s, who)
+            self._retry_s = self._now_s + _RETRY_S
+            self._keep_books()

@@ -5,14 +5,14 @@ from __future__ import annotations
 import select
 import socket
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, final
 
 from arl_fixtures.lab.framing import Message, Peer, PeerLostError, listen
 
-NEEDS_TURN: Final = frozenset({"hello", "write", "read", "reopen", "bye", "ack"})
+NEEDS_TURN: Final = frozenset({"hello", "write", "read", "reopen", "bye", "listen", "ack"})
 """Requests that wait for their turn; everything else is heard at once."""
 
 
@@ -112,3 +112,25 @@ class Sessions:
                 self._on_request(session)
             else:
                 self._on_word(session, message)
+
+
+@final
+class Ear:
+    """Hears everybody while the guard waits; `cut` says when waiting must end.
+
+    Args:
+        sessions: everybody.
+        cut: whether something more urgent is to be done.
+    """
+
+    def __init__(self, sessions: Sessions, cut: Callable[[], bool]) -> None:
+        self._sessions, self._cut = sessions, cut
+
+    def sockets(self) -> Sequence[Any]:
+        """Everything that may speak."""
+        return self._sessions.sockets()
+
+    def attend(self) -> bool:
+        """Hear; true if the waiting is to be cut short."""
+        self._sessions.hear()
+        return self._cut()

@@ -293,5 +293,7 @@ class LabDatagramPort:
         return int(self._client.ask("discard", port=self._port, before_s=before).header["count"])
 
     def close(self) -> None:
-        """Stop listening."""
-        self._open = False
+        """Stop listening; the port is free for others."""
+        if self._open:
+            self._open = False
+            self._client.ask("hush", port=self._port)

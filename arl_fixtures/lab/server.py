@@ -236,6 +236,9 @@ class LabServer:
                 self._sleep(client, float(header["until_s"]))
             case "listen":
                 self._listen(client, int(header["port"]))
+            case "hush":
+                client.networks.pop(int(header["port"]), None)
+                self._answer(client)
             case "receive":
                 until_s = now_s + max(float(header["timeout_s"]), 0.0)
                 self._receive(client, int(header["port"]), until_s)

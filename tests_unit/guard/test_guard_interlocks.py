@@ -1,6 +1,8 @@
 """A condition that no longer holds, a pause, an acknowledgement, and two users of one line: with a guard process."""
 
 import contextlib
+import os
+import signal
 
 import pytest
 from real_processes import assert_safe_within, go_on, is_safe, reap, until
@@ -141,3 +143,38 @@ def test_late_answers_of_one_user_are_never_taken_by_the_other(make_stand, late)
         assert len(seen) >= 2
         assert all(seen)
         assert bench.close() == []
+
+
+def test_a_welded_relay_is_told_by_the_dut_that_goes_on_sending(make_stand, run_test):
+    stand = make_stand("guard: {poll_s: 1.0}")
+    pid = run_test(stand, go_on)
+    booted_s = stand.inspect()["state"]["now_s"] + 15.0
+    until(lambda: stand.inspect()["state"]["now_s"] > booted_s, "the DUTs send")
+    stand.inject("relays:relay_welded#1")
+    os.kill(pid, signal.SIGKILL)
+    reap(pid)
+    stop = until(lambda: (found := read_stop(stand.places)) and "welded" in str(found) and found, "it is noticed")
+    assert "ARL-EMU-0001 still sends; its relay may be welded" in str(stop)
+    assert "ARL-EMU-0002" not in str(stop)
+    assert stop.blocks
+    state = stand.inspect()["state"]
+    assert state["dut_1"]
+    assert not state["dut_2"]
+    # it goes on trying, and is done when the contact lets go
+    stand.clear_faults()
+    until(lambda: not read_stop(stand.places).unverified, "power is off")
+    assert not stand.inspect()["state"]["dut_1"]
+
+
+def test_at_an_orderly_end_a_welded_relay_is_told_to_the_test(make_stand, run_test):
+    stand = make_stand("guard: {poll_s: 1.0}")
+
+    def end(guard, bench):
+        bench.soak(15.0)
+        stand.inject("relays:relay_welded#2")
+        (stand.runtime / "said").write_text("; ".join(bench.close()))
+
+    assert reap(run_test(stand, end)) == 0
+    assert "ARL-EMU-0002 still sends; its relay may be welded" in (stand.runtime / "said").read_text()
+    with pytest.raises(InterlockError, match="still sends"):
+        stand.open_guard()
