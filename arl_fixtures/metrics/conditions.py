@@ -17,6 +17,7 @@ class Conditions:
         ramp: +1 heating, -1 cooling.
         settled: whether all housings stayed within tolerance for the hold time.
         unsettled_reason: which sensor was how far off; empty when settled.
+        expired: role of each instrument whose calibration had run out, and how that reads as a reason.
         temperatures_c: logged temperatures by name, mean over the step, degrees Celsius.
     """
 
@@ -26,4 +27,5 @@ class Conditions:
     ramp: int = 1
     settled: bool = True
     unsettled_reason: str = ""
+    expired: Mapping[str, str] = field(default_factory=dict)
     temperatures_c: Mapping[str, float] = field(default_factory=dict)

@@ -25,7 +25,9 @@ Derived = TypeVar("Derived")
 KEPT_SWEEPS: Final = 2
 """Ascending sweeps repeat exactly; some 12 MB each at full resolution."""
 ANGLE_DIGITS: Final = 6
-EDGE_PX: Final = 1.0
+EDGE_PX: Final = 1.25
+"""Half a pixel for its own field, the rest is 3.5 times what mount (0.2°), K and targets are known to: a pixel that
+looks past the edge is off by tens of percent, and by another amount each time the stage comes to rest elsewhere."""
 
 
 @final
@@ -110,8 +112,7 @@ class Geometry:
     def seen(self, surface: str) -> Int64Array:
         """Flat indices into (n, H, W) of pixels whose centre ray meets a surface well inside of it.
 
-        From a panel's edges they keep a pixel's distance: half a pixel for their own field and the rest because K,
-        mount and stage are never known to better than parts of a pixel.
+        From a panel's edges they keep `EDGE_PX`.
         """
         return self._seen[surface]
 

@@ -9,8 +9,10 @@ from dataclasses import dataclass
 from scipy.special import stdtr
 
 from arl_fixtures.metrics.conditions import Conditions
+from arl_fixtures.metrics.instruments import EVERY_VALUE
 from arl_fixtures.metrics.limits import Decision, Limit, LimitSet, Rule, Severity
 from arl_fixtures.metrics.measurement import Measurement
+from arl_fixtures.metrics.registry import metric_instruments
 from arl_fixtures.metrics.verdict import Verdict, worst
 from arl_fixtures.quantity import Quantity, convert
 
@@ -50,7 +52,8 @@ def judge(
 
     A limit that applies to a DUT of the step whose metric brought no measurement for it is judged NOT_RUN, so that
     nothing a file asks for is left out silently. A step that did not settle is INVALID throughout: its values are
-    kept, but they were not taken at the temperature they would be judged for.
+    kept, but they were not taken at the temperature they would be judged for. So is a value that rests on an
+    instrument whose calibration had expired.
 
     Args:
         measurements: of one step, any number of DUTs.
@@ -142,6 +145,11 @@ def _judge_one(measurement: Measurement, limit: Limit, decision: Decision, condi
     if not conditions.settled:
         reason = conditions.unsettled_reason or "temperature not settled"
         return _judgement(measurement, limit, Verdict.INVALID, risk, reason)
+    if conditions.expired:
+        needed = metric_instruments().get(measurement.metric, EVERY_VALUE)
+        reasons = [conditions.expired[role] for role in needed if role in conditions.expired]
+        if reasons:
+            return _judgement(measurement, limit, Verdict.INVALID, risk, "; ".join(reasons))
     verdict = decide(quantity, lower, upper, decision)
     reason = _said(verdict, quantity, limit, decision)
     if verdict is Verdict.FAIL and limit.severity is Severity.MINOR:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy.typing as npt
 
+from arl_fixtures.metrics.instruments import EVERY_VALUE
 from arl_fixtures.metrics.measurement import Measurement
 from arl_fixtures.metrics.step import StepData
 
@@ -25,10 +26,12 @@ class Metric:
         evaluate: measures one DUT in one step. It may raise NotMeasurableError when none of its values can be had;
             a value that alone cannot be had is returned by `StepData.unmeasured`.
         remember: arrays to keep in a reference for later steps.
+        instruments: roles of the bench's instruments that its values rest on; INVALID where one has expired.
         units: unit of each name that is always measured in one; limits in a foreign dimension are refused at once.
     """
 
     names: tuple[str, ...]
     evaluate: Callable[[StepData], list[Measurement]]
     remember: Callable[[StepData], Mapping[str, npt.NDArray[Any]]] = _nothing
+    instruments: tuple[str, ...] = EVERY_VALUE
     units: Mapping[str, str] = field(default_factory=dict)

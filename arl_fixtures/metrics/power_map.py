@@ -72,6 +72,7 @@ class Sharing:
     """Which pixels share the frames of which stage angle, m sightings.
 
     Attributes:
+        target: (m,) number of the target, in the order of `PowerMap.level`.
         pixel: (m,) flat pixel.
         angle: (m,) index of the stage angle.
         counts: (m,) intensity, the sighting's share in its pixel's power.
@@ -79,6 +80,7 @@ class Sharing:
         gain_variance: variance of the relative gain that all pixels share at one angle, mean of its frames.
     """
 
+    target: Int64Array
     pixel: Int64Array
     angle: Int64Array
     counts: Float64Array
@@ -104,6 +106,17 @@ class Sharing:
         )
         covariance: Float64Array = by_angle @ by_angle.T
         return covariance
+
+    def variance(self, sensitivities: Float64Array) -> float:
+        """Variance of one result that the angles' gains cause, for a gain variance of 1.
+
+        Args:
+            sensitivities: (targets, H·W) to the relative error of each pixel's power on each target alone.
+        """
+        cell = self.target * self.size + self.pixel
+        total = np.bincount(cell, weights=self.counts, minlength=sensitivities.size)
+        by_angle = np.bincount(self.angle, weights=sensitivities.ravel()[cell] * self.counts / total[cell])
+        return float(by_angle @ by_angle)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -181,6 +194,7 @@ def combined_map(step: StepData, correction: Correction) -> PowerMap:
         level={single.target: float(scale - 1.0) for single, scale in zip(maps, shape, strict=True)},
         level_u={single.target: float(u) for single, u in zip(maps, level_u, strict=True)},
         sharing=Sharing(
+            target=np.repeat(np.arange(len(maps)), [single.pixel.size for single in maps]),
             pixel=np.concatenate([single.pixel for single in maps]),
             angle=np.concatenate([single.angle for single in maps]),
             counts=np.concatenate([single.counts for single in maps]),

@@ -31,6 +31,7 @@ class Reference:
         set_temperature_c: set temperature of that step.
         recorded_utc_ns: bench UTC of that step.
         valid_until_utc_ns: when it expires; 0 for never.
+        doubt: why nothing may refer to it, e.g. an instrument that had expired then; empty for none.
         arrays: what the metrics remember, by name; each metric knows its own (`Metric.remember`).
     """
 
@@ -39,10 +40,11 @@ class Reference:
     set_temperature_c: float
     recorded_utc_ns: int = 0
     valid_until_utc_ns: int = 0
+    doubt: str = ""
     arrays: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
 
     def check(self, serial: str, now_utc_ns: int) -> None:
-        """Refuse use for another DUT or after expiry.
+        """Refuse use for another DUT, after expiry, or of a reference that was doubtful from the beginning.
 
         Raises:
             NotMeasurableError: says which.
@@ -52,6 +54,8 @@ class Reference:
         if self.valid_until_utc_ns and now_utc_ns > self.valid_until_utc_ns:
             days = (now_utc_ns - self.valid_until_utc_ns) / 86_400e9
             raise NotMeasurableError(f"the reference ({self.identity}) expired {days:.1f} days before")
+        if self.doubt:
+            raise NotMeasurableError(f"the reference ({self.identity}): {self.doubt}")
 
     def array(self, name: str) -> npt.NDArray[Any]:
         """One array.
@@ -76,6 +80,7 @@ class Reference:
             "set_temperature_c": np.array(self.set_temperature_c),
             "recorded_utc_ns": np.array(self.recorded_utc_ns),
             "valid_until_utc_ns": np.array(self.valid_until_utc_ns),
+            "doubt": np.array(self.doubt),
         }
         content |= {f"{_PREFIX}{name}": np.asarray(array) for name, array in self.arrays.items()}
         partial = path.with_name(path.name + ".part")
@@ -105,6 +110,7 @@ class Reference:
                 set_temperature_c=float(content["set_temperature_c"]),
                 recorded_utc_ns=int(content["recorded_utc_ns"]),
                 valid_until_utc_ns=int(content["valid_until_utc_ns"]),
+                doubt=str(content.get("doubt", "")),
                 arrays={
                     name.removeprefix(_PREFIX): array for name, array in content.items() if name.startswith(_PREFIX)
                 },

@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import importlib
 import pkgutil
+from collections.abc import Mapping
 from importlib.metadata import entry_points
 from typing import Any, Final
 
@@ -16,6 +17,7 @@ import numpy.typing as npt
 
 from arl_fixtures.errors import ArlError, ConfigError
 from arl_fixtures.metrics import measures
+from arl_fixtures.metrics.instruments import EVERY_VALUE
 from arl_fixtures.metrics.measurement import Measurement
 from arl_fixtures.metrics.metric import Metric
 from arl_fixtures.metrics.reference import NotMeasurableError, Reference
@@ -63,6 +65,12 @@ def metric_units() -> dict[str, str]:
     return {name: unit for metric in all_metrics() for name, unit in metric.units.items()}
 
 
+@functools.cache
+def metric_instruments() -> Mapping[str, tuple[str, ...]]:
+    """Roles of the instruments that each name's values rest on."""
+    return {name: metric.instruments for metric in all_metrics() for name in metric.names}
+
+
 def measure(step: StepData, metrics: tuple[Metric, ...] | None = None) -> list[Measurement]:
     """Measure a step with every metric; what cannot be measured says why, the rest is measured all the same.
 
@@ -105,5 +113,6 @@ def remember(step: StepData, identity: str = "", *, valid_until_utc_ns: int = 0)
         set_temperature_c=conditions.set_temperature_c,
         recorded_utc_ns=int(step.sweep.time_ns.min()),
         valid_until_utc_ns=valid_until_utc_ns,
+        doubt="; ".join(why for role, why in conditions.expired.items() if role in EVERY_VALUE),
         arrays=arrays,
     )

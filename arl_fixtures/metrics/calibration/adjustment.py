@@ -3,9 +3,10 @@
 Linear about the assumed camera: deviations of the centres d = J θ + ε, with normal priors on everything that a
 certificate or drawing knows (mount, target positions, each stage angle) and none on the intrinsics. The scatter of
 the centres beyond repeatability (the coarse sampling of a four-pixel circle) is estimated from the residuals and
-joins ε; single wild centres lose their weight (bisquare). One circle is seen from many angles in nearly the same
-phase of the pixel grid, so its residuals are alike: the scatter of the circles' own sums, not of single residuals,
-says what the estimate is worth (cluster-robust covariance with a factor per image axis).
+joins ε; single wild centres lose their weight (bisquare). The circles of one row of the targets pass the same places
+of the image one after the other, at the same height in the pixel grid, so their residuals are alike there, whichever
+circle, target and stage angle it is: the scatter of the places' own sums, not of single residuals, says what the
+estimate is worth (cluster-robust covariance with a factor per image axis).
 
 The estimate's error is H⁻¹(JᵀW ε − P η), H = JᵀWJ + P, with η the true deviations behind the priors P: that splits
 its covariance into repeatability (type A) and one type B contribution for each group of priors.
@@ -42,6 +43,9 @@ HALF_NORMAL_90: Final = 1.6449
 """Quantiles of |x| for a standard normal x."""
 FEWEST_CIRCLES: Final = 100
 GROUPS: Final = ("mount", "target position", "stage angle")
+PLACE_PX: Final = 8.0
+"""Columns of one place: two widths of a circle. Over so many a row's height in the image changes by less than the
+third of a pixel that the sampling has as its period."""
 LEAST_PX: Final = 1e-4
 """Floor of a centre's standard deviation: no centre is exact."""
 LEAST_U: Final = 1e-9
@@ -58,13 +62,13 @@ class Adjustment:
         kernels: (2, p, p) covariance of the intrinsic parameters from the centres' u and from their v, were all
             residuals independent and as large as assumed.
         identity: (k,) which circle at which angle each used centre is.
-        circle: (k,) which circle.
+        place: (k,) in which place of the image it was seen, from 0.
+        free: (2,) share of the places' sums of squares in u and in v that the parameters leave free.
         residuals: (k, 2) in standard deviations as assumed.
         sigma_px: (k, 2) standard deviation assumed of each.
         by_group: the same from each group of `GROUPS`.
         dof: degrees of freedom of the repeatability.
         circles: centres used.
-        parameters: estimated besides the stage angles.
         residual_px: root mean square of the residuals, robust.
         moved_px: root mean square of what the estimated intrinsics and mount move the centres by.
     """
@@ -73,29 +77,29 @@ class Adjustment:
     offsets: dict[str, float]
     kernels: Float64Array
     identity: Int64Array
-    circle: Int64Array
+    place: Int64Array
+    free: tuple[float, float]
     residuals: Float64Array
     sigma_px: Float64Array
     by_group: dict[str, Float64Array]
     dof: float
     circles: int
-    parameters: int
     residual_px: float
     moved_px: float
 
     @property
     def repeatability(self) -> Float64Array:
         """Covariance of the intrinsic parameters from the circle centres."""
-        return self.scaled(self.residuals, np.ones(len(self.circle), dtype=bool))
+        return self.scaled(self.residuals, np.arange(len(self.place)))
 
-    def scaled(self, residuals: Float64Array, used: BoolArray) -> Float64Array:
+    def scaled(self, residuals: Float64Array, used: Int64Array) -> Float64Array:
         """Covariance of the intrinsic parameters if the centres scatter as these residuals do.
 
         Args:
             residuals: (j, 2) in the standard deviations assumed here.
-            used: (k,) the j centres they belong to.
+            used: (j,) which centres they belong to.
         """
-        factors = [_cluster_factor(residuals[:, axis], self.circle[used], self.parameters) for axis in (0, 1)]
+        factors = [_cluster_factor(residuals[:, axis], self.place[used]) / self.free[axis] for axis in (0, 1)]
         covariance: Float64Array = np.tensordot(factors, self.kernels, axes=1)
         return covariance
 
@@ -146,6 +150,9 @@ def adjust(
         of_axis = np.where(np.arange(squared.size) % 2 == axis, squared, 0.0)
         kernels.append((inverse @ equations.normal(of_axis) @ inverse.T)[:count, :count])
     by_group = {name: (inverse * np.where(group == k, prior, 0.0)) @ inverse.T for k, name in enumerate(GROUPS)}
+    place = _places(field, used)
+    whitened = np.sqrt(trust / variance)
+    size = np.bincount(place)
     moves = np.zeros_like(theta)
     camera = [k for k, name in enumerate(field.names) if "." not in name or name.startswith("mount.")]
     moves[camera] = theta[camera]
@@ -154,13 +161,16 @@ def adjust(
         offsets=dict(zip(field.names, theta[: len(field.names)].tolist(), strict=True)),
         kernels=np.stack(kernels),
         identity=field.identity[used],
-        circle=field.circle[used],
-        residuals=(np.sqrt(trust / variance) * residual).reshape(-1, 2),
+        place=place,
+        free=(
+            equations.free_share(whitened, place, inverse, 0),
+            equations.free_share(whitened, place, inverse, 1),
+        ),
+        residuals=(whitened * residual).reshape(-1, 2),
         sigma_px=np.sqrt(variance).reshape(-1, 2),
         by_group={name: part[:count, :count] for name, part in by_group.items()},
-        dof=float(max(2 * np.unique(field.circle[used]).size - len(field.names), 1)),
+        dof=float(max(2.0 * size.sum() ** 2 / (size.astype(np.float64) ** 2).sum() - len(field.names), 1.0)),
         circles=int(used.sum()),
-        parameters=len(field.names),
         residual_px=float(np.sqrt(np.average(residual**2, weights=trust))),
         moved_px=float(np.sqrt(np.mean(equations.predicted(moves) ** 2))),
     )
@@ -211,6 +221,25 @@ class _Equations:
         predicted: Float64Array = self.dense @ theta[:p] + self.stage * theta[p:][self.angle]
         return predicted
 
+    def free_share(self, whitened: Float64Array, place: Int64Array, inverse: Float64Array, axis: int) -> float:
+        """Expected sum of the squares of the places' sums of residuals, as a share of what it is without a fit.
+
+        For residuals that are independent and of variance 1: tr(Z(I − H)Zᵀ)/n with the hat matrix H and Z the sums.
+
+        Args:
+            whitened: (2k,) factor that makes each residual's variance 1.
+            place: (k,) place of each centre.
+            inverse: covariance of the parameters.
+            axis: 0 for u, 1 for v.
+        """
+        p = self.dense.shape[1]
+        sums = np.zeros((int(place.max()) + 1, len(inverse)))
+        weight = whitened[axis::2]
+        np.add.at(sums[:, :p], place, self.dense[axis::2] * weight[:, None])
+        np.add.at(sums, (place, p + self.angle[axis::2]), self.stage[axis::2] * weight)
+        taken = float(((sums @ inverse) * sums).sum())
+        return max(1.0 - taken / place.size, 1.0 / place.size)
+
     def _by_angle(self, values: Float64Array) -> Float64Array:
         return np.bincount(self.angle, weights=values, minlength=self.angles).astype(np.float64)
 
@@ -225,16 +254,18 @@ def _scale(residual: Float64Array) -> float:
     return float(max(half / HALF_NORMAL_50, most / HALF_NORMAL_90))
 
 
-def _cluster_factor(residuals: Float64Array, circle: Int64Array, parameters: int) -> float:
-    """Variance of the circles' sums of residuals, in what it would be with independent residuals of variance 1.
+def _places(field: CircleField, used: BoolArray) -> Int64Array:
+    """Place of each used centre in the image, (k,) from 0: row of the targets by `PLACE_PX` columns."""
+    height_um = np.rint(1e6 * field.up_m[used]).astype(np.int64)
+    column = np.floor(field.pixels()[used, 0] / PLACE_PX).astype(np.int64)
+    _, place = np.unique(np.stack([height_um, column]), axis=1, return_inverse=True)
+    return place.reshape(-1).astype(np.int64)
 
-    The parameters, which follow both image axes, take their share of the circles' freedom; twice, as a jackknife over
-    the circles would (CR3; J. MacKinnon, M. Nielsen, M. Webb, J. Econometrics 232 (2023) 272–299).
-    """
-    _, owner = np.unique(circle, return_inverse=True)
-    sums = np.bincount(owner, weights=residuals)
-    free = max(sums.size - 0.5 * parameters, 1.0)
-    return float(sums @ sums) / len(residuals) * (sums.size / free) ** 2
+
+def _cluster_factor(residuals: Float64Array, place: Int64Array) -> float:
+    """Variance of the places' sums of residuals, in what it would be with independent residuals of variance 1."""
+    sums = np.bincount(place, weights=residuals)
+    return float(sums @ sums) / len(residuals)
 
 
 def _priors(

@@ -10,6 +10,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from arl_fixtures.metrics.instruments import THERMOMETER
 from arl_fixtures.metrics.measurement import Measurement
 from arl_fixtures.metrics.metric import Metric
 from arl_fixtures.metrics.pixel_faults import pixel_faults
@@ -61,5 +62,6 @@ def evaluate(step: StepData) -> list[Measurement]:
 METRIC = Metric(
     names=("dead_pixels", "dead_pixels_by_kind"),
     evaluate=evaluate,
+    instruments=(THERMOMETER,),
     units={"dead_pixels": "1", "dead_pixels_by_kind": "1"},
 )

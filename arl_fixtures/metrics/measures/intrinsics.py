@@ -242,9 +242,7 @@ def _covariance_of_change(step: StepData) -> Float64Array:
         return independent
     then_px = reference.array("intrinsics.residual_px")[there].astype(np.float64)
     change = now.residuals[here] - then_px / now.sigma_px[here]
-    used = np.zeros(now.circles, dtype=bool)
-    used[here] = True
-    return now.scaled(change, used)
+    return now.scaled(change, here)
 
 
 METRIC = Metric(

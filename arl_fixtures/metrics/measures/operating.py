@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from arl_fixtures.metrics.instruments import THERMOMETER
 from arl_fixtures.metrics.measurement import Measurement
 from arl_fixtures.metrics.metric import Metric
 from arl_fixtures.metrics.reference import NotMeasurableError
@@ -80,4 +81,8 @@ def evaluate(step: StepData) -> list[Measurement]:
     return measured
 
 
-METRIC = Metric(names=("operating", "operating_scatter"), evaluate=evaluate)
+METRIC = Metric(
+    names=("operating", "operating_scatter"),
+    evaluate=evaluate,
+    instruments=(THERMOMETER,),
+)

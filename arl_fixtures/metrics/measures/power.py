@@ -3,11 +3,12 @@
 * ``power_level``: total power against the twin's, so against the DUT file. Type B: reflectance certificate,
   position of target and DUT (twice their relative error, the inverse square law).
 * ``power_target_agreement``: how far a target's level lies from the mean of the targets.
-* ``power_change``: total power against the reference, the mean of the targets' own changes. Certificate and target
-  position are the same for both and cancel.
+* ``power_change``: total power against the reference, over the targets and pixels that both saw. Certificate and
+  target position are the same for both and cancel.
 * ``power_worst_3x3``: change of the map (relative to its mean) in the 3 × 3 neighbourhood that changed most. The
   largest of 4000 noisy values is not an unbiased one: the place is found in the map from the even angles and the
-  change read from the odd ones, and the other way round, and the two readings are averaged.
+  change is read from the odd ones. (The mean with the same the other way round has less scatter, but not by √2: the
+  one half's noise chooses where the other is read, so the two readings are correlated, by as much as the map allows.)
 
 Propagation is linear throughout.
 """
@@ -24,6 +25,7 @@ import numpy.typing as npt
 from arl_fixtures.metrics.measurement import Measurement
 from arl_fixtures.metrics.metric import Metric
 from arl_fixtures.metrics.power_map import HALVES, Correction, PowerMap, combined_map, power_map, target_map
+from arl_fixtures.metrics.power_total import total_power
 from arl_fixtures.metrics.reference import NotMeasurableError, Reference
 from arl_fixtures.metrics.step import NO_REFERENCE, StepData
 from arl_fixtures.quantity import Contribution, Kind, Quantity
@@ -94,25 +96,20 @@ def worst_neighbourhood(power: PowerMap, reference: Reference) -> tuple[Quantity
         mean, mean_variance = _neighbourhoods(change, variance)
         changes.append(mean)
         variances.append(mean_variance)
-    known = np.isfinite(changes[0]) & np.isfinite(changes[1])
+    find, read = range(HALVES)
+    known = np.isfinite(changes[find]) & np.isfinite(changes[read])
     if not known.any():
         raise NotMeasurableError("no 3 × 3 neighbourhood was measured now and in the reference")
-    places = []
-    for change, variance in zip(changes, variances, strict=True):
-        # the largest change that is beyond doubt: the rim's few sightings scatter more than anything else changes
-        certain = np.where(known, np.abs(change) - DOUBT * np.sqrt(variance), -np.inf)
-        places.append(int(certain.argmax()))
-    read = [changes[1 - half].flat[places[half]] for half in range(HALVES)]
-    spread = [variances[1 - half].flat[places[half]] for half in range(HALVES)]
-    gain = [
-        float(power.sharing.covariance(_box_at(places[half], power.power), 1 - half)[0, 0]) for half in range(HALVES)
-    ]
-    v, u = divmod(places[0], power.power.shape[1])
+    # the largest change that is beyond doubt: the rim's few sightings scatter more than anything else changes
+    certain = np.where(known, np.abs(changes[find]) - DOUBT * np.sqrt(variances[find]), -np.inf)
+    place = int(certain.argmax())
+    gain = float(power.sharing.covariance(_box_at(place, power.power), read)[0, 0])
+    v, u = divmod(place, power.power.shape[1])
     quantity = Quantity.of(
-        100.0 * float(np.mean(read)),
+        100.0 * float(changes[read].flat[place]),
         "%",
-        Contribution("repeatability", 50.0 * math.sqrt(float(sum(spread)))),
-        Contribution("frame gain", 50.0 * math.sqrt(sum(gain) * _both_gains(power, reference))),
+        Contribution("repeatability", 100.0 * math.sqrt(float(variances[read].flat[place]))),
+        Contribution("frame gain", 100.0 * math.sqrt(gain * _both_gains(power, reference))),
     )
     return quantity, f"around pixel ({u}, {v})"
 
@@ -121,14 +118,16 @@ def _level(step: StepData, power: PowerMap) -> Quantity:
     twin = step.dut.gain * step.geometry.power
     seen = np.isfinite(power.power)
     ratio = float(power.power[seen].mean() / twin[seen].mean())
-    count = int(seen.sum())
     targets = len(power.level)
-    repeat = math.sqrt(float(power.variance[seen].sum())) / (count * float(twin[seen].mean()))
+    maps = [target_map(step, target) for target in power.level]
+    found, variances = (np.stack(part) for part in zip(*(single.whole for single in maps), strict=True))
+    total = total_power(found, variances, np.stack([single.weight.sum(axis=0) for single in maps]))
+    gain = power.sharing.variance(total.sensitivities) * power.sharing.gain_variance
     return Quantity.of(
         100.0 * (ratio - 1.0),
         "%",
-        Contribution("repeatability", 100.0 * repeat),
-        Contribution("frame gain", 100.0 * math.sqrt(_shared_level(power) * power.sharing.gain_variance)),
+        Contribution("repeatability", 100.0 * ratio * total.relative_u),
+        Contribution("frame gain", 100.0 * ratio * math.sqrt(gain)),
         Contribution(
             "reflectance certificate", 100.0 * step.uncertainty.reflectance_relative / math.sqrt(targets), Kind.B
         ),
@@ -142,12 +141,6 @@ def _level(step: StepData, power: PowerMap) -> Quantity:
 def _both_gains(power: PowerMap, reference: Reference) -> float:
     """Variance of one angle's common gain, now plus then."""
     return power.sharing.gain_variance + float(reference.array("power.gain_variance"))
-
-
-def _shared_level(power: PowerMap) -> float:
-    """Variance of the map's level for a variance of 1 of each angle's common gain."""
-    share = np.nan_to_num(power.power.ravel() / np.nansum(power.power))
-    return float(power.sharing.covariance(share[None, :])[0, 0])
 
 
 def _box_at(place: int, power: Float64Array) -> Float64Array:
@@ -195,27 +188,27 @@ def _paper_difference(step: StepData, power: PowerMap) -> Quantity:
 
 
 def _change(step: StepData, power: PowerMap, reference: Reference) -> Quantity:
-    ratios, variances = [], []
-    for target in power.level:
-        if f"power.{target}" not in reference.arrays:
-            continue
-        now, now_variance = target_map(step, target).whole
-        then, then_variance = reference.array(f"power.{target}"), reference.array(f"power.{target}.variance")
-        both = np.isfinite(now) & np.isfinite(then)
-        if both.any():
-            ratio = float(now[both].sum() / then[both].sum())
-            ratios.append(ratio)
-            variances.append(
-                float(now_variance[both].sum() + ratio**2 * then_variance[both].sum()) / float(then[both].sum()) ** 2
-            )
-    if not ratios:
+    common = [k for k, target in enumerate(power.level) if f"power.{target}" in reference.arrays]
+    if not common:
         raise NotMeasurableError("no reflectance target was seen now and in the reference")
-    gain = math.sqrt(_shared_level(power) * _both_gains(power, reference))
+    targets = [list(power.level)[k] for k in common]
+    maps = [target_map(step, target) for target in targets]
+    now, now_variance = (np.stack(part) for part in zip(*(single.whole for single in maps), strict=True))
+    then = np.stack([reference.array(f"power.{target}") for target in targets])
+    then_variance = np.stack([reference.array(f"power.{target}.variance") for target in targets])
+    weight = np.stack([single.weight.sum(axis=0) for single in maps])
+    both = np.isfinite(now) & np.isfinite(then)
+    before = total_power(np.where(both, then, np.nan), then_variance, weight)
+    after = total_power(np.where(both, now, np.nan), now_variance, weight)
+    ratio = after.value / before.value
+    sensitivities = np.zeros((len(power.level), power.power.size))
+    sensitivities[common] = after.sensitivities
+    gain = power.sharing.variance(sensitivities) * _both_gains(power, reference)
     return Quantity.of(
-        100.0 * (float(np.mean(ratios)) - 1.0),
+        100.0 * (ratio - 1.0),
         "%",
-        Contribution("repeatability", 100.0 * math.sqrt(sum(variances)) / len(variances)),
-        Contribution("frame gain", 100.0 * gain),
+        Contribution("repeatability", 100.0 * ratio * math.hypot(after.relative_u, before.relative_u)),
+        Contribution("frame gain", 100.0 * ratio * math.sqrt(gain)),
     )
 
 
