@@ -135,6 +135,8 @@ class Variant:
         channels: names of `state` that the variant changes (scatter channels included).
         drivers: covariate columns (or `sim_` columns) on which it depends, strongest first.
         where: region that is already known from the options, e.g. `{"surface": ["stripe_18"]}`.
+        rough: whether the corrected simulation jumps with the amplitudes (a scene sampled by sharp rays); they are
+            then found by finite trials instead of derivatives.
     """
 
     effect: str
@@ -143,6 +145,7 @@ class Variant:
     drivers: tuple[str, ...]
     options: Mapping[str, Option] = field(default_factory=dict)
     where: Mapping[str, list[str] | list[float]] = field(default_factory=dict)
+    rough: bool = False
 
     @property
     def label(self) -> str:
@@ -167,6 +170,8 @@ class Effect(ABC):
     stage: ClassVar[Stage]
     source: ClassVar[str]
     kind: ClassVar[Kind] = Kind.MEAN
+    shared: ClassVar[bool] = False
+    """Whether it acts on all units alike by its nature (one stage turns every DUT): it is not tried on one alone."""
     confusable: ClassVar[tuple[str, ...]] = ()
     """Ids that some tables cannot tell from this one (the engine tests whether this table can)."""
 

@@ -24,7 +24,8 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
 )
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illumination, log_profile, ray_column
-from arl_fixtures.reconcile.effects_render import rendered_elsewhere
+from arl_fixtures.reconcile.effects_rays import Pose
+from arl_fixtures.reconcile.effects_render import rendered
 from arl_fixtures.reconcile.effects_sweep import along_sweep, bend_of_sweeps
 from arl_fixtures.reconcile.view import View
 
@@ -312,6 +313,40 @@ def scanned_channels(view: View) -> tuple[str, ...]:
     return tuple(dict.fromkeys([*distances(view), *lit]))
 
 
+def turn_stage(view: View, state: State, turn_deg: FloatArray | float) -> None:
+    """Let every row see what it would at stage angle + `turn_deg`."""
+    if not take_pose(view, state, Pose(turn_deg=turn_deg)):
+        found = scene(view)
+        point_elsewhere(view, state, turn=(1.0 if found is None else found.sign) * turn_deg)
+
+
+def take_pose(
+    view: View,
+    state: State,
+    pose: Pose,
+    *,
+    beam_moves: tuple[FloatArray | float, FloatArray | float] = (0.0, 0.0),
+) -> bool:
+    """Let every row see the bench in another pose, where the table's simulation is a bench that can be rendered.
+
+    Args:
+        view: rows under work.
+        state: its signals and distances are replaced.
+        pose: arrays by row.
+        beam_moves: how the rays' azimuth and elevation move within the illumination (a changed lens), degrees.
+
+    Returns:
+        Whether it was rendered; where not, nothing has changed.
+    """
+    there, here = rendered(view, pose), rendered(view)
+    if there is None or here is None:
+        return False
+    _set_seen(view, state, {
+        name: seen - here[name] if name in distances(view) else seen / here[name] for name, seen in there.items()
+    }, *beam_moves)  # fmt: skip
+    return True
+
+
 def point_elsewhere(
     view: View,
     state: State,
@@ -328,15 +363,15 @@ def point_elsewhere(
         turn, lift: change of the ray's direction, degrees; positive along azimuth and elevation.
         beam_turns: whether the illumination goes with the ray (a turned sensor) or stays (a changed lens).
     """
-    rendered = rendered_elsewhere(view, turn, lift)
-    if rendered is None:
-        changes = _changes(view, turn, lift)
-    else:
-        here = per_view(view, "rendered here", lambda: rendered_elsewhere(view, 0.0, 0.0)) or {}
-        changes = {
-            name: there - here[name] if name in distances(view) else there / here[name]
-            for name, there in rendered.items()
-        }
+    moves = (0.0, 0.0) if beam_turns else (turn, lift)
+    _set_seen(view, state, _changes(view, turn, lift), *moves)
+
+
+def _set_seen(
+    view: View, state: State, changes: dict[str, FloatArray], turn: FloatArray | float, lift: FloatArray | float
+) -> None:
+    """Put ratios of signals and differences of distances into the state; the illumination moved by turn and lift."""
+    beam_moves = bool(np.any(turn) or np.any(lift))
     for name, change in changes.items():
         if name not in state:
             continue
@@ -344,7 +379,7 @@ def point_elsewhere(
             state[name] = state[name] + np.where(np.isfinite(change), change, 0.0)
             continue
         ratio = change
-        profile = None if beam_turns else illumination(view, name)
+        profile = illumination(view, name) if beam_moves else None
         if profile is not None:
             az, el = azimuth(view), elevation(view)
             ratio = ratio * np.exp(profile.log(az + turn, el + lift) - log_profile(view, name))

@@ -8,9 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.direct import FIRST_STEP, loss, refine, secant
 from arl_fixtures.reconcile.effect import Parameter, State
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.terms import Term, forward
+
+SHORT = 4
+"""Rounds up to which a fit starts near its end."""
+SHORT_STEP = 0.05
+FEWEST_ROUNDS = 3
+"""Rounds from which rough terms are refined by trials."""
+WORTH = 2.0
+"""Gain over null from which a rough term is refined."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -78,7 +87,7 @@ def jacobian_of(
 
 
 def fit(problem: Problem, terms: Sequence[Term], *, rounds: int = 12, tolerance: float = 0.02) -> Fit:
-    """Least squares from the terms' present values.
+    """Least squares from the terms' present values; rough variants also by trials, see `direct`.
 
     Args:
         problem: rows, weights and scatters (kept as they are).
@@ -86,6 +95,63 @@ def fit(problem: Problem, terms: Sequence[Term], *, rounds: int = 12, tolerance:
         rounds: most Gauss-Newton steps.
         tolerance: stop when a step gains less log-likelihood than this.
     """
+    found = _descend(problem, terms, rounds=rounds, tolerance=tolerance)
+    if rounds < FEWEST_ROUNDS or not any(term.variant.rough for term in terms):
+        return found
+    return _descend(problem, _by_trials(problem, found.terms, rounds), rounds=min(rounds, 4), tolerance=tolerance)
+
+
+def steady_jacobian(problem: Problem, found: Fit) -> FloatArray:
+    """The fit's Jacobian with secants for rough variants: what their intervals rest on."""
+    jacobian = found.jacobian.copy()
+    for place, (index, p) in enumerate(found.keys):
+        if found.terms[index].variant.rough:
+            jacobian[:, place] = _secant(problem, found, place, p)
+    return jacobian
+
+
+def _by_trials(problem: Problem, terms: tuple[Term, ...], rounds: int) -> tuple[Term, ...]:
+    """Each rough term refined by steps that shrink, the others kept."""
+    share = FIRST_STEP if rounds > SHORT else SHORT_STEP
+    for index, term in enumerate(terms):
+        if term.variant.rough:
+            terms = _refined(problem, terms, index, share)
+    return terms
+
+
+def _refined(problem: Problem, terms: tuple[Term, ...], index: int, share: float) -> tuple[Term, ...]:
+    """One term refined; its amplitudes' first step is `share` of their size, at least of a twentieth typical."""
+    free = terms[index].free()
+    keys = [(index, p) for p in free]
+
+    def gain(place: FloatArray) -> float:
+        return -float(np.sum(loss(problem.whiten_state(forward(with_vector(terms, keys, place), problem.view)))))
+
+    start = np.array([terms[index].values[p.name] for p in free])
+    absent = np.array([x if p.null is None else p.null for x, p in zip(start, free, strict=True)])
+    if gain(start) < gain(absent) + WORTH:
+        return terms
+    sizes = [abs(x - (p.null or 0.0)) / abs(p.typical) for x, p in zip(start, free, strict=True) if p.is_amplitude]
+    size = max(*sizes, 0.05)
+    scale = np.array([unit_step(p) * (size if p.is_amplitude else 0.3) * share for p in free])
+    place = refine(gain, start, scale, np.array([p.low for p in free]), np.array([p.high for p in free]))
+    return with_vector(terms, keys, place)
+
+
+def _secant(problem: Problem, found: Fit, place: int, p: Parameter) -> FloatArray:
+    vector = found.values()
+
+    def moved(step: float) -> State | None:
+        there = vector.copy()
+        there[place] += step
+        if not p.low <= there[place] <= p.high:
+            return None
+        return forward(with_vector(found.terms, found.keys, there), problem.view)
+
+    return secant(problem, found.state, moved, 0.02 * unit_step(p))
+
+
+def _descend(problem: Problem, terms: Sequence[Term], *, rounds: int, tolerance: float) -> Fit:
     keys = free_keys(terms)
     low = np.array([p.low for _, p in keys])
     high = np.array([p.high for _, p in keys])

@@ -10,18 +10,21 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.direct import loss, outwards
 from arl_fixtures.reconcile.effect import Effect, Kind, State, Variant
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.terms import Term, default_values, forward
 
 MAX_STARTS = 12
 DRAWS = 100
+BY_CHANCE = 120.0
+"""Squared change beyond which no chance lets a finite trial gain."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,6 +166,9 @@ def screen(
     for effect, variant in variants:
         if variant.label in taken:
             continue
+        if variant.rough and any(term.variant.rough for term in others):
+            continue  # what one displacement leaves at edges is its own error, not a second one
+        alone = restricted and not effect.shared
         best: dict[str, Candidate] = {}
         for shapes in starts_of(variant):
             term = Term(effect=effect, variant=variant, values={**default_values(variant), **shapes})
@@ -170,8 +176,9 @@ def screen(
             power = np.einsum("kn,kn->k", tangents, tangents)
             if not np.any(power > 1e-6):
                 continue
-            grams, scores = _per_unit(tangents, residual, unit, len(labels) if restricted else 1)
-            for label, gram, score in _choices(grams, scores, labels if restricted else ("",)):
+            codes = unit if alone else np.zeros_like(unit)
+            grams, scores = _per_unit(tangents, residual, codes, len(labels) if alone else 1)
+            for label, gram, score in _choices(grams, scores, labels if alone else ("",)):
                 amplitude, gain = solve_amplitudes(gram, score, variant)
                 if gain > (best[label].gain if label in best else 0.0):
                     values = dict(term.values)
@@ -183,9 +190,48 @@ def screen(
                     best[label] = Candidate(term=placed, gain=gain, free=len(term.free()))
             if noise is not None:
                 np.maximum(best_by_chance, _chance(tangents, noise, variant), out=best_by_chance)
+        if variant.rough:
+            places = (unit, labels, column) if alone else (np.zeros_like(unit), ("",), "")
+            best = _rough(problem, others, base, residual, effect, variant, best, places, noise, best_by_chance)
         found.extend(best.values())
     found.sort(key=lambda c: (-c.gain, c.term.label))
     return Screening(candidates=tuple(found), chance=np.sort(best_by_chance))
+
+
+def _rough(
+    problem: Problem,
+    others: Sequence[Term],
+    base: State,
+    residual: FloatArray,
+    effect: Effect,
+    variant: Variant,
+    linear: dict[str, Candidate],
+    places: tuple[IntArray, tuple[str, ...], str],
+    noise: NDArray[np.float32] | None,
+    best_by_chance: FloatArray,
+) -> dict[str, Candidate]:
+    """Candidates of a rough variant by finite trials; a linear estimate is kept where it holds at its full size."""
+    unit, labels, column = places
+    best: dict[str, Candidate] = {}
+    for candidate in linear.values():
+        state = forward([*others, candidate.term], problem.view)
+        gain = float(np.sum(loss(residual) - loss(residual - problem.whiten_change(base, state))))
+        if gain > 0.0:
+            best[candidate.term.unit] = replace(candidate, gain=gain)
+    term = Term(effect=effect, variant=variant, values=default_values(variant))
+    for values, change, gains in outwards(
+        problem, others, base, term, list(starts_of(variant)), unit, len(labels)
+    ):  # fmt: skip
+        named = zip((*labels, ""), gains.tolist(), strict=True) if labels[0] else [("", float(gains[-1]))]
+        for label, gain in named:
+            if gain > (best[label].gain if label in best else 0.0):
+                placed = replace(term, values=values, unit=label, unit_column=column if label else "")
+                best[label] = Candidate(term=placed, gain=gain, free=len(placed.free()))
+        power = float(change @ change)
+        if noise is not None and 1e-6 < power < BY_CHANCE:
+            scores = np.asarray(noise @ change.astype(np.float32), dtype=np.float64)
+            np.maximum(best_by_chance, scores - 0.5 * power, out=best_by_chance)
+    return best
 
 
 def unit_labels(problem: Problem) -> tuple[str, tuple[str, ...]]:

@@ -9,7 +9,9 @@ import numpy as np
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, per_view
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation
-from arl_fixtures.reconcile.effects_scene import point_elsewhere, scanned_channels, scene
+from arl_fixtures.reconcile.effects_rays import Pose
+from arl_fixtures.reconcile.effects_render import bench_of, is_sharp
+from arl_fixtures.reconcile.effects_scene import point_elsewhere, scanned_channels, scene, take_pose
 from arl_fixtures.reconcile.view import View
 
 _TURNS = ("yaw", "pitch", "roll")
@@ -32,17 +34,20 @@ class Tilt(Effect):
         found = scene(view)
         if found is None or not view.varies("azimuth_deg"):
             return
-        turns = _TURNS if found.pitch_deg > 0.0 else _TURNS[:1]
+        turns = _TURNS if found.pitch_deg > 0.0 or bench_of(view) is not None else _TURNS[:1]
         yield Variant(
             effect=self.id,
             parameters=tuple(amplitude(name, "deg", -5.0, 5.0, 0.1) for name in turns),
             channels=scanned_channels(view),
+            rough=is_sharp(view),
             drivers=tuple(name for name in ("azimuth_deg", "elevation_deg") if view.varies(name)),
         )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Looks the scene up along the turned rays."""
         yaw, pitch, roll = (float(values.get(name, 0.0)) for name in _TURNS)
+        if take_pose(view, state, Pose(tilt_deg=(yaw, pitch, roll))):
+            return
         if pitch == 0.0 and roll == 0.0:
             point_elsewhere(view, state, turn=yaw)
             return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 
 import numpy as np
@@ -21,13 +22,16 @@ from arl_fixtures.reconcile.effects_common import (
     temperature_drivers,
 )
 from arl_fixtures.reconcile.effects_frame import has_frames, ranged_by
-from arl_fixtures.reconcile.effects_render import blurred_render, rendered_elsewhere
+from arl_fixtures.reconcile.effects_rays import Pose
+from arl_fixtures.reconcile.effects_render import bench_of, convolved, is_sharp, rendered
 from arl_fixtures.reconcile.view import View
 
 
 class Defocus(Effect):
     """The image is blurred by a Gaussian of `width` pixels, or of width·|T − sharpest| / range of the temperature.
 
+    Where the scene can be rendered, two ways: the rays spread before they meet the scene, or the finished image is
+    convolved. They part where pixels sample an edge by few rays.
     Light and range mix: the distance becomes the mean of what the blurred pixel sees, weighted by its light.
     """
 
@@ -41,8 +45,9 @@ class Defocus(Effect):
         if not has_frames(view):
             return
         columns = temperature_drivers(view, "lens_temperature_c", "housing_temperature_c", limit=1)
+        kinds = ("rays", "image") if bench_of(view) is not None else ("image",)
         for channel in signals(view):
-            for column in ("", *columns):
+            for column, kind in itertools.product(("", *columns), kinds):
                 parameters: tuple[Parameter, ...] = (amplitude("width", "px", 0.0, 1.2, 0.3),)
                 scale = 1.0
                 if column:
@@ -51,9 +56,10 @@ class Defocus(Effect):
                     parameters += (shape("sharpest", "°C", low, high, min(max(25.0, low), high), low),)
                 yield Variant(
                     effect=self.id,
-                    options={"channel": channel, "temperature": column, "range": scale},
+                    options={"channel": channel, "temperature": column, "range": scale, "kind": kind},
                     parameters=parameters,
                     channels=tuple(dict.fromkeys((*ranged_by(view, channel), *light_channels(view, channel)))),
+                    rough=kind == "rays" and is_sharp(view),
                     drivers=(*((column,) if column else ()), "pixel_u", "pixel_v"),
                 )
 
@@ -65,9 +71,11 @@ class Defocus(Effect):
             width = width * np.abs(above(view, column, float(values["sharpest"]))) / float(variant.options["range"])
         far = ranged_by(view, channel)
         variance = np.minimum(width, _WIDEST) ** 2
-        seen = blurred_render(view, variance)
-        if seen is not None:
-            clear = per_view(view, "rendered here", lambda: rendered_elsewhere(view, 0.0, 0.0)) or {}
+        if variant.options["kind"] == "rays":
+            seen, clear = rendered(view, Pose(blur_px=np.sqrt(variance))), _clear(view)
+        else:
+            seen, clear = convolved(view, variance), rendered(view)
+        if seen is not None and clear is not None:
             for distance in far:
                 state[distance] = state[distance] + seen[distance] - clear[distance]
             set_light(view, state, channel, state[channel] * seen[channel] / clear[channel])
@@ -100,6 +108,11 @@ class Defocus(Effect):
             "the "
             "distance from best focus, electrical crosstalk does not change."
         )
+
+
+def _clear(view: View) -> dict[str, FloatArray] | None:
+    """What the rays see without a blur, by the same rendering: soft edges become a Gaussian's under any blur."""
+    return per_view(view, "rendered clear", lambda: rendered(view, Pose(blur_px=np.zeros(view.n))))
 
 
 _WIDEST = 1.2

@@ -17,7 +17,9 @@ from arl_fixtures.reconcile.effects_common import (
     temperature_drivers,
 )
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, ray_column
-from arl_fixtures.reconcile.effects_scene import point_elsewhere, scanned_channels, scene
+from arl_fixtures.reconcile.effects_rays import Pose
+from arl_fixtures.reconcile.effects_render import is_sharp
+from arl_fixtures.reconcile.effects_scene import point_elsewhere, scanned_channels, scene, take_pose
 from arl_fixtures.reconcile.view import View
 
 
@@ -40,6 +42,7 @@ class FocalDrift(Effect):
                 options={"temperature": column, "reference": reference(view, column)},
                 parameters=(amplitude("drift", "1/K", -most, most, 1e-4),),
                 channels=scanned_channels(view),
+                rough=is_sharp(view),
                 drivers=(column, "azimuth_deg"),
             )
 
@@ -47,7 +50,9 @@ class FocalDrift(Effect):
         """Looks the scene up along the moved rays."""
         warm = float(values["drift"]) * excess(view, variant, str(variant.options["temperature"]))
         across, along = per_view(view, "field terms", lambda: _terms(view))
-        point_elsewhere(view, state, turn=-warm * across, lift=-warm * along, beam_turns=False)
+        turn, lift = -warm * across, -warm * along
+        if not take_pose(view, state, Pose(focal=1.0 + warm), beam_moves=(turn, lift)):
+            point_elsewhere(view, state, turn=turn, lift=lift, beam_turns=False)
 
     def expression(self, variant: Variant) -> str:
         """The law."""

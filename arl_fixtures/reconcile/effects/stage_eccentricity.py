@@ -17,8 +17,9 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
 )
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation
-from arl_fixtures.reconcile.effects_render import nearest_rendered
-from arl_fixtures.reconcile.effects_scene import point_elsewhere, scanned_channels, scene
+from arl_fixtures.reconcile.effects_rays import Pose
+from arl_fixtures.reconcile.effects_render import is_sharp
+from arl_fixtures.reconcile.effects_scene import point_elsewhere, scanned_channels, scene, take_pose
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
@@ -49,15 +50,15 @@ class Eccentricity(Effect):
                 options={"frame": frame},
                 parameters=tuple(amplitude(name, unit, -0.1 * size, 0.1 * size, 0.002 * size) for name in _AXES),
                 channels=scanned_channels(view),
+                rough=is_sharp(view),
                 drivers=("stage_angle_deg", "azimuth_deg")[: 2 if view.varies("azimuth_deg") else 1],
             )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Moves the point of view."""
-        found = scene(view)
-        if found is None:
-            return
         forward, right = (float(values[name]) for name in _AXES)
+        if take_pose(view, state, _pose(variant, view, forward, right)):
+            return
         cosine, sine = per_view(view, ("direction", variant.options["frame"]), lambda: _direction(view, variant))
         name = distances(view)[0]
         level = per_view(view, "level", lambda: np.cos(np.radians(elevation(view))))
@@ -101,6 +102,17 @@ class Eccentricity(Effect):
 _AXES = ("forward", "right")
 
 
+def _pose(variant: Variant, view: View, forward: float, right: float) -> Pose:
+    """The optical centre in the stage's frame, which turns under an axis that is off in the bench's frame."""
+    size = in_mm(1.0, distances(view)[0]) * 1e-3
+    forward, right = forward * size, right * size
+    if variant.options["frame"] == "sensor":
+        return Pose(forward_m=forward, right_m=right)
+    angle = np.radians(np.nan_to_num(view.number("stage_angle_deg")))
+    c, s = np.cos(angle), np.sin(angle)
+    return Pose(forward_m=forward * c + right * s, right_m=right * c - forward * s)
+
+
 def _direction(view: View, variant: Variant) -> tuple[FloatArray, FloatArray]:
     angle = azimuth(view)
     found = scene(view)
@@ -110,11 +122,7 @@ def _direction(view: View, variant: Variant) -> tuple[FloatArray, FloatArray]:
 
 
 def _nearest(view: View, distance: str) -> FloatArray:
-    """Shortest simulated distance among a row and its neighbours: an edge's parallax is that of the nearer "
-    "surface."""
-    rendered = nearest_rendered(view)
-    if rendered is not None:
-        return rendered
+    """Shortest simulated distance among a row and its neighbours: an edge's parallax is of the nearer surface."""
     nearest = view.number(f"sim_{distance}")
     for steps in (-1, 1):
         nearest = np.fmin(nearest, view.take_number(f"sim_{distance}", view.sweep_place(steps)))

@@ -8,7 +8,8 @@ import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import amplitude, period_starts, shape
-from arl_fixtures.reconcile.effects_scene import point_elsewhere, scanned_channels, scene
+from arl_fixtures.reconcile.effects_render import is_sharp
+from arl_fixtures.reconcile.effects_scene import scanned_channels, scene, turn_stage
 from arl_fixtures.reconcile.view import View
 
 
@@ -17,6 +18,7 @@ class PeriodicError(Effect):
 
     id = "stage.periodic_error"
     stage = Stage.BOOKKEEPING
+    shared = True
     source = "worm and gear errors repeat with every turn of the worm, e.g. 360°/n; ISO 230-2"
     confusable = ("stage.zero_offset", "stage.eccentricity", "timing.tdc_nonlinearity")
 
@@ -40,17 +42,15 @@ class PeriodicError(Effect):
                 shape("period", "deg", shortest, longest, *period_starts(shortest, longest, high - low, most=24)),
             ),
             channels=scanned_channels(view),
+            rough=is_sharp(view),
             drivers=("stage_angle_deg",),
         )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Looks the scene up at the true angle."""
-        found = scene(view)
-        if found is None:
-            return
         phase = 2.0 * np.pi / float(values["period"]) * np.nan_to_num(view.number("stage_angle_deg"))
         error = float(values["sine"]) * np.sin(phase) + float(values["cosine"]) * np.cos(phase)
-        point_elsewhere(view, state, turn=found.sign * error)
+        turn_stage(view, state, error)
 
     def expression(self, variant: Variant) -> str:
         """The law."""

@@ -8,7 +8,8 @@ import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, per_table
-from arl_fixtures.reconcile.effects_scene import point_elsewhere, scanned_channels, scene
+from arl_fixtures.reconcile.effects_render import is_sharp
+from arl_fixtures.reconcile.effects_scene import scanned_channels, scene, turn_stage
 from arl_fixtures.reconcile.view import View
 
 
@@ -17,6 +18,7 @@ class ZeroOffset(Effect):
 
     id = "stage.zero_offset"
     stage = Stage.BOOKKEEPING
+    shared = True
     source = "geometry: dR/dθ = R·tan(incidence), and the step of the signal at an edge; ISO 230-2 (backlash)"
     confusable = ("mount.tilt", "acquisition.frame_lag", "stage.eccentricity", "stage.periodic_error")
 
@@ -31,18 +33,16 @@ class ZeroOffset(Effect):
                 options={"kind": kind},
                 parameters=(amplitude("zero" if kind == "constant" else "backlash", "deg", -3.0, 3.0, 0.05),),
                 channels=scanned_channels(view),
+                rough=is_sharp(view),
                 drivers=("stage_angle_deg",) if kind == "constant" else (*_direction(view), "stage_angle_deg"),
             )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Looks the scene up at the true angle."""
-        found = scene(view)
-        if found is None:
-            return
         if variant.options["kind"] == "constant":
-            point_elsewhere(view, state, turn=found.sign * float(values["zero"]))
+            turn_stage(view, state, float(values["zero"]))
             return
-        point_elsewhere(view, state, turn=found.sign * 0.5 * float(values["backlash"]) * travel(view)[view.rows])
+        turn_stage(view, state, 0.5 * float(values["backlash"]) * travel(view)[view.rows])
 
     def expression(self, variant: Variant) -> str:
         """The law."""

@@ -1,0 +1,194 @@
+"""Search without derivatives, for effects whose likelihood jumps.
+
+Where a pixel is sampled by a few sharp rays, a displacement changes nothing until a ray crosses an edge, and then one
+row by many standard errors: a derivative sees either nothing or a single row. Such variants are marked `rough`; they
+are tried at finite size, outwards from null along many directions, and refined by steps that shrink. The loss is
+Student's: it counts rows that cross as predicted against rows that do not, so that one wrong crossing of a hundred
+standard errors does not hide forty right ones.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.effect import Parameter, State, Variant
+from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.terms import Term, forward
+
+FREEDOM = 8.0
+FIRST_SIZE, LAST_SIZE, RATIO = 0.001, 30.0, 2.0
+"""Sizes tried along a direction, in typical amplitudes."""
+HOPELESS = 25.0
+"""A direction whose gain has fallen so far below its best is left."""
+HALVINGS = 5
+FIRST_STEP, LAST_STEP = 0.35, 0.002
+"""Steps of the refinement, as shares of the amplitude."""
+MOST_TRIALS = 60
+VISIBLE = 2.0
+"""Change in standard errors that a secant of a rough parameter aims at: what an interval of 95 % rests on."""
+
+Gain = Callable[[FloatArray], float]
+
+
+def loss(z: FloatArray) -> FloatArray:
+    """Student's negative log-likelihood of unit variables, z²/2 for small ones."""
+    return np.asarray(0.5 * (FREEDOM + 1.0) * np.log1p(z * z / (FREEDOM + 1.0)))
+
+
+def directions(count: int) -> FloatArray:
+    """Unit vectors spread over a sphere, (k, count)."""
+    if count == 1:
+        return np.array([[1.0], [-1.0]])
+    if count == 2:
+        angle = np.arange(6) * (np.pi / 3.0)
+        return np.column_stack([np.cos(angle), np.sin(angle)])
+    grid = np.array(
+        [p for p in itertools.product((-1.0, 0.0, 1.0), repeat=count) if np.count_nonzero(p) in (1, count)]
+    )
+    return np.asarray(grid / np.linalg.norm(grid, axis=1, keepdims=True))
+
+
+def sizes() -> FloatArray:
+    """Lengths tried along a direction."""
+    return np.asarray(FIRST_SIZE * RATIO ** np.arange(int(np.log(LAST_SIZE / FIRST_SIZE) / np.log(RATIO)) + 1))
+
+
+def values_at(variant: Variant, shapes: dict[str, float], place: FloatArray) -> dict[str, float]:
+    """Parameter values at a place in typical amplitudes from null."""
+    values = dict(shapes)
+    for p, x in zip(variant.amplitudes(), place, strict=True):
+        values[p.name] = float(np.clip((p.null or 0.0) + x * p.typical, p.low, p.high))
+    return values
+
+
+Trial = tuple[dict[str, float], FloatArray, FloatArray]
+"""Values, whitened change, gain of each unit and (last) of all together by Student's loss."""
+
+
+def outwards(
+    problem: Problem,
+    others: Sequence[Term],
+    base: State,
+    term: Term,
+    shapes: Sequence[dict[str, float]],
+    unit: IntArray,
+    units: int,
+) -> Iterator[Trial]:
+    """Finite trials of a rough variant along each direction, until it is hopeless for all units, and about the best.
+
+    The gain along a direction rises while rays cross edges as measured, and falls beyond.
+    """
+    residual = problem.whiten_state(base)
+    before = loss(residual)
+    amplitudes = term.variant.amplitudes()
+
+    def trials(shape: dict[str, float], direction: FloatArray) -> Callable[[float], Trial]:
+        def trial(size: float) -> Trial:
+            values = values_at(term.variant, shape, size * direction)
+            state = forward([*others, term.with_values(values)], problem.view)
+            change = problem.whiten_change(base, state)
+            gains = np.bincount(unit, before - loss(residual - change), minlength=units)[:units]
+            return values, change, np.append(gains, gains.sum())
+
+        return trial
+
+    for shape in shapes:
+        for direction in directions(len(amplitudes)):
+            if not any(_beyond(p, x) for p, x in zip(amplitudes, direction, strict=True)):
+                yield from _along(trials(shape, direction), units)
+
+
+def _along(trial: Callable[[float], Trial], units: int) -> Iterator[Trial]:
+    best, at = np.zeros(units + 1), np.zeros(units + 1)
+    for size in sizes():
+        found = trial(float(size))
+        yield found
+        gains = found[2]
+        at, best = np.where(gains > best, size, at), np.maximum(gains, best)
+        if np.all(gains < best - HOPELESS):
+            break
+    first = int(np.argmax(best))
+    if best[first] <= 0.0:
+        return
+    for inner, outer in ((at[first], at[first] * RATIO), (at[first], at[first] / RATIO)):
+        good, bad = float(inner), float(outer)
+        for _ in range(HALVINGS):
+            middle = float(np.sqrt(good * bad))
+            found = trial(middle)
+            yield found
+            if found[2][first] >= best[first]:
+                good, best[first] = middle, found[2][first]
+            else:
+                bad = middle
+
+
+def _beyond(p: Parameter, x: float) -> bool:
+    """Whether a direction leaves a one-sided parameter's range at once."""
+    null = p.null or 0.0
+    return (x * p.typical < 0 and p.low >= null) or (x * p.typical > 0 and p.high <= null)
+
+
+def refine(gain: Gain, start: FloatArray, scale: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Place of largest gain near a start: steps along the axes and the last success, halved where none helps.
+
+    Args:
+        gain: of a place.
+        start: (k,).
+        scale: first step of each coordinate.
+        low, high: bounds.
+    """
+    best, here = start, gain(start)
+    step, trials = 1.0, 0
+    moves = [sign * axis for axis in np.eye(len(start)) for sign in (1.0, -1.0)]
+    if len(start) == 2:
+        moves += [np.array([a, b]) for a in (1.0, -1.0) for b in (1.0, -1.0)]
+    last: FloatArray | None = None
+    while step > LAST_STEP / FIRST_STEP and trials < MOST_TRIALS:
+        found: tuple[float, FloatArray, FloatArray] | None = None
+        for move in ([last] if last is not None else []) + moves:
+            place = np.clip(best + step * scale * move, low, high)
+            if np.array_equal(place, best):
+                continue
+            value, trials = gain(place), trials + 1
+            if value > here + 1e-9 and (found is None or value > found[0]):
+                found = value, place, move
+                if move is last:
+                    break
+        if found is None:
+            step, last = 0.5 * step, None
+        else:
+            here, best, last = found
+    return best
+
+
+def secant(problem: Problem, state: State, moved: Callable[[float], State | None], start: float) -> FloatArray:
+    """Whitened change per unit of a rough parameter, over the step that changes about `VISIBLE` standard errors.
+
+    Args:
+        problem: rows and weights.
+        state: at the parameter's value.
+        moved: state with the parameter moved by a step; None beyond its bounds.
+        start: first step tried.
+    """
+    widest: tuple[float, FloatArray] | None = None
+    for sign in (1.0, -1.0):
+        step, change = start, None
+        for _ in range(12):
+            there = moved(sign * step)
+            if there is None:
+                break
+            change = problem.whiten_change(state, there)
+            length = float(np.sqrt(change @ change))
+            if 0.6 * VISIBLE < length < 1.7 * VISIBLE:
+                break
+            factor = float(np.clip(VISIBLE / max(length, 1e-12), 0.35, 3.0))
+            if length > VISIBLE and step * factor < 1e-4 * start:
+                break
+            step *= factor
+        if change is not None and (widest is None or step > widest[0]):
+            widest = step, change / (sign * step)
+    return np.zeros(len(problem.whiten_state(state))) if widest is None else widest[1]

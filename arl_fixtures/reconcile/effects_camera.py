@@ -1,0 +1,99 @@
+"""The camera of a table: the nominal one, or K and one distortion coefficient fitted to its rays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from arl_fixtures.reconcile.effects_common import per_table
+from arl_fixtures.reconcile.view import View
+from arl_fixtures.twin.projection import Intrinsics
+
+FloatArray = NDArray[np.float64]
+
+_BEAM_DEG = (75.0, 18.0)
+_SAME_RAY_DEG = 0.02
+_SAME_PIXEL = 0.03
+_MOST_DISTORTION = 0.6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Camera:
+    """K and k4 of OpenCV's rational model (the inverse of which is exact with k4 alone)."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    k4: float
+
+    def rays(
+        self, u: FloatArray, v: FloatArray, focal: FloatArray | float = 1.0
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Unit rays through image positions in the stage's frame: ahead, left, up."""
+        x, y = (u - self.cx) / (self.fx * focal), (v - self.cy) / (self.fy * focal)
+        folded = np.minimum(4.0 * self.k4 * (x * x + y * y), 0.996)
+        stretch = 2.0 / (1.0 + np.sqrt(1.0 - folded))
+        x, y = x * stretch, y * stretch
+        ahead = 1.0 / np.sqrt(1.0 + x * x + y * y)
+        return ahead, -x * ahead, -y * ahead
+
+    def angles_deg(self, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Azimuth to the right and elevation of the rays."""
+        ahead, left, up = self.rays(u, v)
+        return np.degrees(np.arctan2(-left, ahead)), np.degrees(np.arcsin(up))
+
+    def pixel_rad(self, pixels: FloatArray | float) -> tuple[FloatArray | float, FloatArray | float]:
+        """Angle of a length in pixels in the middle of the image, across and upwards."""
+        return pixels / self.fx, pixels / self.fy
+
+    def log_beam(self, u: FloatArray, v: FloatArray) -> FloatArray:
+        """Logarithm of the nominal illumination of pixels."""
+        azimuth, elevation = self.angles_deg(u, v)
+        return -((azimuth / _BEAM_DEG[0]) ** 4) - (elevation / _BEAM_DEG[1]) ** 4
+
+
+def camera_of(view: View) -> Camera | None:
+    """The camera whose rays the table's azimuths and elevations are; the nominal one where it has none."""
+    return per_table(view, "camera", lambda: _find(view))
+
+
+def _find(view: View) -> Camera | None:
+    nominal = Intrinsics()
+    camera = Camera(fx=nominal.fx, fy=nominal.fy, cx=nominal.cx, cy=nominal.cy, k4=nominal.k4)
+    numbers = view.columns.numbers
+    rows = np.unique(view.columns.group("pixel_u", "pixel_v"), return_index=True)[1]
+    u, v = (numbers[name][rows] for name in ("pixel_u", "pixel_v"))
+    given = [numbers[name][rows] if name in numbers else None for name in ("azimuth_deg", "elevation_deg")]
+    if all(
+        angle is None or np.nanmax(np.abs(angle - mine), initial=0.0) < _SAME_RAY_DEG
+        for angle, mine in zip(given, camera.angles_deg(u, v), strict=True)
+    ):
+        return camera
+    if given[0] is None or given[1] is None:
+        return None
+    return _fitted(u, v, given[0], given[1])
+
+
+def _fitted(u: FloatArray, v: FloatArray, azimuth_deg: FloatArray, elevation_deg: FloatArray) -> Camera | None:
+    x = np.tan(np.radians(azimuth_deg))
+    y = -np.tan(np.radians(elevation_deg)) * np.sqrt(1.0 + x * x)
+    good = np.isfinite(x) & np.isfinite(y)
+    if good.sum() < 8 or np.ptp(x[good]) == 0.0 or np.ptp(y[good]) == 0.0:
+        return None
+    u, v, x, y = u[good], v[good], x[good], y[good]
+
+    def lines(k4: float) -> tuple[FloatArray, FloatArray, float]:
+        shrink = 1.0 / (1.0 + k4 * (x * x + y * y))
+        across, along = np.polyfit(x * shrink, u, 1), np.polyfit(y * shrink, v, 1)
+        miss = np.hypot(np.polyval(across, x * shrink) - u, np.polyval(along, y * shrink) - v)
+        return across, along, float(np.max(miss))
+
+    found = minimize_scalar(lambda k4: lines(float(k4))[2], bounds=(0.0, _MOST_DISTORTION), method="bounded")
+    across, along, miss = lines(float(found.x))
+    if miss > _SAME_PIXEL or across[0] <= 0.0 or along[0] <= 0.0:
+        return None
+    return Camera(fx=float(across[0]), fy=float(along[0]), cx=float(across[1]), cy=float(along[1]), k4=float(found.x))
