@@ -6,7 +6,7 @@ what ends them early; it is judged after each cycle, from the journals alone.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from statistics import fmean
 from typing import Annotated, Literal, Self
@@ -110,15 +110,18 @@ def next_cycle(out: Path) -> int:
     return max(done, default=-1) + 1
 
 
-def why_stop(rules: StopRules, out: Path, cycle: int) -> str:
+def why_stop(rules: StopRules, out: Path, cycle: int, *, alive: Callable[[], None] = lambda: None) -> str:
     """Why the campaign ends after this cycle, in words; empty while it goes on.
 
     Args:
         rules: the campaign file's.
         out: folder of the journals.
         cycle: the cycle that has just ended.
+        alive: called after each journal that was read: there may be hundreds.
     """
-    records = _sessions(out)
+    if rules == StopRules():
+        return ""
+    records = _sessions(out, alive)
     if rules.verdict != "never":
         bad = {"FAIL"} if rules.verdict == "FAIL" else {"FAIL", "INVALID"}
         for record in records:
@@ -143,9 +146,12 @@ def why_stop(rules: StopRules, out: Path, cycle: int) -> str:
     return ""
 
 
-def _sessions(out: Path) -> list[SessionRecord]:
+def _sessions(out: Path, alive: Callable[[], None] = lambda: None) -> list[SessionRecord]:
     """Sessions of a folder, oldest first; re-judgements are none."""
-    records = (read_journal(path) for path in sorted(out.glob(JOURNAL_PATTERN)))
+    records = []
+    for path in sorted(out.glob(JOURNAL_PATTERN)):
+        records.append(read_journal(path))
+        alive()
     return [record for record in records if not record.begin.rejudged_from]
 
 

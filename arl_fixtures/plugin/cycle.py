@@ -60,7 +60,7 @@ class CycleSession:
         self._plan = tuple(plan)
         out = files.options.out
         self._guard = guard
-        self._references = References(out / "references", bench.serials)
+        self._references = References(out / "references", bench.serials, self._alive)
         self.progress = Progress(screen, steps_total=len(plan))
         self.runner = StepRunner(
             bench,
@@ -69,6 +69,7 @@ class CycleSession:
             hashes=files.hashes,
             bags=out / "bags",
             references=self._references.known,
+            alive=self._alive,
         )
         self.verdicts: dict[str, Verdict] = {}
         self._reasons: dict[str, str] = {}
@@ -145,10 +146,15 @@ class CycleSession:
         reason = self._reasons.get(decisive, "")
         decided_by = "" if verdict is Verdict.PASS else f"{decisive}: {reason}".rstrip(": ")
         self.journal.append(journaling.cycle_end(step.cycle, verdict, decided_by))
-        why = why_stop(self.files.stop, self.files.options.out, step.cycle)
+        why = why_stop(self.files.stop, self.files.options.out, step.cycle, alive=self._alive)
         if why:
             self.journal.append(journaling.note(f"campaign ended after cycle {step.cycle}: {why}"))
             item.session.shouldstop = f"campaign ended after cycle {step.cycle}: {why}"
+
+    def _alive(self) -> None:
+        """A sign of life for the guard, from stretches that ask no device."""
+        if self._guard is not None:
+            self._guard.beat()
 
     def _invalid(self, step: CycleStep) -> None:
         self.verdicts[step.id] = Verdict.INVALID
@@ -183,7 +189,8 @@ class CycleSession:
         finished = self.past.finished(step.id)
         if finished is not None:
             # the session ended between recording and remembering
-            self._references.keep(step, from_bag(self.runner, step, finished, self.files.options.out), {})
+            recorded = from_bag(self.runner, step, finished, self.files.options.out, self._alive)
+            self._references.keep(step, recorded, {})
             return
         self.progress.begin(step)
         result = self._open().run(step)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final, final
 
 from arl_fixtures.bench.profile import CycleStep
 from arl_fixtures.errors import DataError
 from arl_fixtures.journal.record import AttemptRecord
+from arl_fixtures.metrics.block import AngleBlock
 from arl_fixtures.metrics.collect import collect
 from arl_fixtures.metrics.conditions import Conditions
 from arl_fixtures.metrics.reference import NotMeasurableError, Reference
@@ -28,10 +29,11 @@ class References:
     Args:
         folder: where they are kept, one file each.
         serials: the DUTs.
+        alive: a sign of life for the guard, after each DUT.
     """
 
-    def __init__(self, folder: Path, serials: Sequence[str]) -> None:
-        self._folder, self._serials = folder, tuple(serials)
+    def __init__(self, folder: Path, serials: Sequence[str], alive: Callable[[], None] = lambda: None) -> None:
+        self._folder, self._serials, self._alive = folder, tuple(serials), alive
         self.known: dict[str, Reference] = {}
 
     def load(self) -> None:
@@ -71,6 +73,7 @@ class References:
             except NotMeasurableError as reason:
                 raise DataError(f"no reference of {serial} could be recorded: {reason}") from None
             reference.save(self._path(serial))
+            self._alive()
             self.known[serial] = reference
 
     def _path(self, serial: str) -> Path:
@@ -82,7 +85,13 @@ def reference_step(cycle: int, set_temperature_c: float) -> CycleStep:
     return CycleStep(cycle, REFERENCE_INDEX, set_temperature_c, 1)
 
 
-def from_bag(runner: StepRunner, step: CycleStep, attempt: AttemptRecord, folder: Path) -> dict[str, StepData]:
+def from_bag(
+    runner: StepRunner,
+    step: CycleStep,
+    attempt: AttemptRecord,
+    folder: Path,
+    alive: Callable[[], None] = lambda: None,
+) -> dict[str, StepData]:
     """What a finished reference sweep of an interrupted session measured, of DUTs that delivered every angle.
 
     Args:
@@ -90,13 +99,15 @@ def from_bag(runner: StepRunner, step: CycleStep, attempt: AttemptRecord, folder
         step: the sweep's step.
         attempt: its finished attempt.
         folder: of the journal, to which the bag's path is relative.
+        alive: a sign of life for the guard, at each block that was read.
 
     Raises:
         DataError: the bag cannot be read.
     """
     if attempt.bag is None:
         return {}
-    collected = collect(StepBag(inside(folder, attempt.bag.path)).blocks(), runner.bench.serials)
+    blocks = _each(StepBag(inside(folder, attempt.bag.path)).blocks(), alive)
+    collected = collect(blocks, runner.bench.serials)
     expected = runner.angle_count(step)
     whole = {serial: each for serial, each in collected.statistics.items() if len(each) == expected}
     conditions = Conditions(
@@ -108,3 +119,9 @@ def from_bag(runner: StepRunner, step: CycleStep, attempt: AttemptRecord, folder
         temperatures_c=attempt.end.temperatures_c if attempt.end is not None else {},
     )
     return runner.step_data(whole, conditions, expected_angles=expected)
+
+
+def _each(blocks: Iterable[AngleBlock], alive: Callable[[], None]) -> Iterator[AngleBlock]:
+    for block in blocks:
+        yield block
+        alive()

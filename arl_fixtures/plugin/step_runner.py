@@ -20,7 +20,7 @@ from arl_fixtures.metrics.geometry import GeometryCache
 from arl_fixtures.metrics.judge import Judgement, judge, overall
 from arl_fixtures.metrics.limits import LimitSet
 from arl_fixtures.metrics.reference import Reference
-from arl_fixtures.metrics.registry import measure
+from arl_fixtures.metrics.registry import all_metrics, measure
 from arl_fixtures.metrics.statistics import SweepStatistics
 from arl_fixtures.metrics.step import StepData
 from arl_fixtures.metrics.verdict import Verdict
@@ -83,6 +83,7 @@ class StepRunner:
         hashes: of bench, profile and limits file, for the bag.
         bags: folder of the bags.
         references: what relative metrics refer to, by serial number; filled by the caller.
+        alive: called again and again while nothing but computing is done: signs of life for the guard.
     """
 
     def __init__(
@@ -94,7 +95,9 @@ class StepRunner:
         hashes: Mapping[str, str],
         bags: Path,
         references: dict[str, Reference],
+        alive: Callable[[], None] = lambda: None,
     ) -> None:
+        self._alive = alive
         self.bench, self.profile, self.limits = bench, profile, limits
         self.references = references
         self._hashes, self._bags = dict(hashes), bags
@@ -179,6 +182,7 @@ class StepRunner:
         for serial, each in statistics.items():
             why = (lost or {}).get(serial, "")
             summary = each.summary() if len(each) and not why else None
+            self._alive()
             data[serial] = StepData(
                 dut=self._duts[serial],
                 conditions=conditions,
@@ -224,7 +228,11 @@ class StepRunner:
         conditions: Conditions,
         lost: Mapping[str, str],
     ) -> StepResult:
-        measurements = [each for data in steps.values() for each in measure(data)]
+        measurements = []
+        for data in steps.values():
+            for metric in all_metrics():
+                measurements += measure(data, (metric,))
+                self._alive()
         types = {serial: dut.model for serial, dut in self._duts.items()}
         judgements = judge(measurements, self.limits, conditions, types)
         verdict, decisive = overall(judgements)
