@@ -7,6 +7,7 @@ checked against the model of its driver, the `emulator` block against that of it
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, Literal, Self
 
@@ -19,6 +20,7 @@ from arl_fixtures.bench.settle import SettleSettings
 from arl_fixtures.emulators.faults import Fault
 from arl_fixtures.emulators.plant import PlantSettings
 from arl_fixtures.errors import ConfigError
+from arl_fixtures.metrics.instruments import ACCEPT_EXPIRED, CALIBRATION_DUE
 from arl_fixtures.metrics.step import BenchUncertainty
 from arl_fixtures.twin.scene import SceneSettings
 from arl_fixtures.twin.settings import DutSettings
@@ -38,6 +40,9 @@ class DeviceEntry(FileModel):
     serial: str = ""
     calibration_due: str = Field(default="", pattern=r"^(\d{4}-\d{2}-\d{2})?$")
     certificate: str = ""
+    accept_expired: str = Field(
+        default="", description="why it may be used after that day; without a reason what rests on it is INVALID"
+    )
 
     @field_validator("url")
     @classmethod
@@ -120,6 +125,7 @@ class BenchConfig(FileModel):
     _emulator_settings: dict[str, FileModel] = PrivateAttr(default_factory=dict)
     _sha256: str = PrivateAttr(default="")
     _folder: Path = PrivateAttr(default=Path())
+    _files: tuple[Path, ...] = PrivateAttr(default=())
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -133,6 +139,16 @@ class BenchConfig(FileModel):
             url = self.devices()[real[0]].url
             raise ValueError(f"clock: virtual needs every device emulated, but {real[0]} is at {url}")
         return self
+
+    @property
+    def calibrations(self) -> dict[str, str]:
+        """What is said of the devices' calibration, by role and key, as `expired_instruments` reads it."""
+        return {
+            f"{kind}.{key}": said
+            for kind, entry in self.devices().items()
+            for key, said in ((CALIBRATION_DUE, entry.calibration_due), (ACCEPT_EXPIRED, entry.accept_expired))
+            if said
+        }
 
     def devices(self) -> dict[Kind, DeviceEntry]:
         """All device entries by role."""
@@ -148,6 +164,11 @@ class BenchConfig(FileModel):
     def dut_settings(self) -> tuple[DutSettings, ...]:
         """The DUT files, in housing order."""
         return self._dut_settings
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The bench file and its DUT files, as they were read."""
+        return self._files
 
     @property
     def effects_path(self) -> Path | None:
@@ -182,7 +203,19 @@ def load_bench(name_or_path: str) -> BenchConfig:
     Raises:
         ConfigError: with file, line and column of each fault.
     """
-    path = bench_path(name_or_path)
+    return read_bench(bench_path(name_or_path))
+
+
+def read_bench(path: Path, unit_paths: Sequence[Path] | None = None) -> BenchConfig:
+    """Read a bench file.
+
+    Args:
+        path: the file.
+        unit_paths: where its DUT files lie, in the order in which it names them; where it says if not given.
+
+    Raises:
+        ConfigError: with file, line and column of each fault.
+    """
     config = load_model(path, BenchConfig)
     digest = hashlib.sha256(path.read_bytes())
     for kind, entry in config.devices().items():
@@ -194,9 +227,11 @@ def load_bench(name_or_path: str) -> BenchConfig:
         config._device_settings[kind] = validate_tree(path, entry.settings or {}, driver.settings)
         if emulation is not None:
             config._emulator_settings[kind] = validate_tree(path, entry.emulator or {}, emulation.settings)
+    paths = [path.parent / unit for unit in config.duts.units] if unit_paths is None else list(unit_paths)
+    if len(paths) != len(config.duts.units):
+        raise ConfigError(f"duts.units: {len(paths)} DUT files for {len(config.duts.units)} DUTs", path=path)
     units = []
-    for unit in config.duts.units:
-        unit_path = path.parent / unit
+    for unit_path in paths:
         units.append(load_model(unit_path, DutSettings))
         digest.update(unit_path.read_bytes())
     serials = [unit.serial for unit in units]
@@ -204,6 +239,7 @@ def load_bench(name_or_path: str) -> BenchConfig:
         raise ConfigError(f"duts.units: two DUTs have the same serial number among {', '.join(serials)}", path=path)
     config._dut_settings = tuple(units)
     config._folder = path.parent
+    config._files = (path, *paths)
     config._sha256 = digest.hexdigest()
     return config
 

@@ -36,6 +36,12 @@ LIFETIME = Path("reports/lifetime.yaml")
 @click.option("--out", type=PATH, metavar="FOLDER", help="where the report goes (default: beside the first journal)")
 @click.option("--bench", metavar="FILE", default="", help="bench file of the session, for the maps")
 @click.option(
+    "--maps",
+    metavar="STEPS",
+    default="",
+    help="steps with maps: ids separated by commas, or 'all' (default: coldest, reference temperature, hottest)",
+)
+@click.option(
     "--lifetime",
     type=PATH,
     metavar="FILE",
@@ -47,6 +53,7 @@ def report(
     cycles: tuple[Path, ...],
     out: Path | None,
     bench: str,
+    maps: str,
     lifetime: Path | None,
     junit: Path | None,
     allure: Path | None,
@@ -57,7 +64,12 @@ def report(
     folder = out or loaded[0].record.path.parent
     if lifetime is None and LIFETIME.is_file():
         lifetime = LIFETIME
-    made = make_report(loaded, map_maker(loaded[-1].record, bench), load_lifetime(lifetime) if lifetime else None)
+    made = make_report(
+        loaded,
+        map_maker(loaded[-1].record, bench),
+        load_lifetime(lifetime) if lifetime else None,
+        [step.strip() for step in maps.split(",") if step.strip()],
+    )
     for path in write_report(made, folder, report_name(loaded)):
         click.echo(str(path))
     if junit is not None:

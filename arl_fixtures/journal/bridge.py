@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from arl_fixtures.journal.entries import AppliedLimit, Contribution, JournalModel, Judgement, Measurement
 from arl_fixtures.journal.record import AttemptRecord
 from arl_fixtures.metrics import judge as judging
 from arl_fixtures.metrics import measurement as measuring
 from arl_fixtures.metrics.conditions import Conditions
+from arl_fixtures.metrics.instruments import expired_instruments
 from arl_fixtures.metrics.limits import LimitSet
 from arl_fixtures.quantity import Contribution as Part
 from arl_fixtures.quantity import Kind, Quantity
@@ -104,8 +105,13 @@ def result_entries(
     return entries
 
 
-def conditions_of(attempt: AttemptRecord) -> Conditions:
-    """Under what conditions an attempt was measured."""
+def conditions_of(attempt: AttemptRecord, environment: Mapping[str, str]) -> Conditions:
+    """Under what conditions an attempt was measured.
+
+    Args:
+        attempt: of a journal.
+        environment: that the journal begins with; it says when the instruments' calibrations run out.
+    """
     begin, settle = attempt.begin, attempt.settle
     return Conditions(
         cycle=begin.cycle,
@@ -114,5 +120,6 @@ def conditions_of(attempt: AttemptRecord) -> Conditions:
         ramp=begin.ramp,
         settled=settle.settled if settle is not None else True,
         unsettled_reason=settle.reason if settle is not None else "",
+        expired=expired_instruments(environment, attempt.begin_utc_ns),
         temperatures_c=attempt.end.temperatures_c if attempt.end is not None else {},
     )

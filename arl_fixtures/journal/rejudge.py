@@ -112,7 +112,7 @@ def _step_verdict(record: SessionRecord, step_id: str, judged: Mapping[tuple[str
 def _judge(record: SessionRecord, attempt: AttemptRecord, limits: LimitSet) -> _Judged:
     types = {dut.serial: dut.model for dut in record.identity.duts}
     measurements = [measurement_of(entry) for entry in attempt.measurements]
-    judgements = judge(measurements, limits, conditions_of(attempt), types)
+    judgements = judge(measurements, limits, conditions_of(attempt, record.begin.environment), types)
     step_id, number = attempt.begin.step_id, attempt.begin.attempt
     entries = [judgement_entry(step_id, number, each, limits) for each in judgements]
     if not attempt.finished or not judgements:

@@ -42,7 +42,6 @@ def session_begin(files: SessionFiles, plan: Sequence[CycleStep]) -> entries.Ses
             ("url", entry.url),
             ("serial", entry.serial),
             ("certificate", entry.certificate),
-            ("calibration_due", entry.calibration_due),
         )
         if value
     }
@@ -51,7 +50,12 @@ def session_begin(files: SessionFiles, plan: Sequence[CycleStep]) -> entries.Ses
         cycles=tuple(sorted({step.cycle for step in plan})),
         plan=tuple(step.id for step in plan),
         identity=identity(files),
-        environment={"python": platform.python_version(), "clock": files.bench.clock, **instruments},
+        environment={
+            "python": platform.python_version(),
+            "clock": files.bench.clock,
+            **instruments,
+            **files.bench.calibrations,
+        },
     )
 
 

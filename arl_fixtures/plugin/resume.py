@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import final
 
-from arl_fixtures.bench.profile import CycleStep
+from arl_fixtures.bench.keep import keep_bench, keep_file
+from arl_fixtures.bench.profile import CycleStep, profile_path
 from arl_fixtures.devices.port import Clock
 from arl_fixtures.errors import ArlError
 from arl_fixtures.journal import entries
@@ -83,6 +84,7 @@ class Past:
             StorageError: the journal cannot be written.
         """
         out = files.options.out
+        keep_inputs(files)
         if self.record is None:
             return Journal.create(new_journal_path(out), session_begin(files, plan), clock)
         now = identity(files)
@@ -111,6 +113,19 @@ class Past:
         if journal_lines:
             journal.append_many(journal_lines)
         return journal
+
+
+def keep_inputs(files: SessionFiles) -> None:
+    """Copy the session's files beside the journal, for its reports.
+
+    Raises:
+        ConfigError: one of them was changed after it had been read.
+        StorageError: they cannot be written.
+    """
+    out = files.options.out
+    keep_bench(files.bench, out)
+    keep_file(profile_path(files.options.profile), files.hashes["profile"], "profile", out)
+    keep_file(files.options.limits, files.hashes["limits"], "limits", out)
 
 
 def _recovered(out: Path, begin: entries.StepBegin, known: Set[str]) -> list[entries.JournalModel]:

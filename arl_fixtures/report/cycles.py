@@ -91,6 +91,40 @@ class Cycle:
         )
 
     @property
+    def telling_temperatures_c(self) -> tuple[float, ...]:
+        """Set temperatures of the steps that stand for a cycle: reference, coldest, hottest; fewer where alike."""
+        temperatures = [each.begin.set_temperature_c for each in self.finished]
+        if not temperatures:
+            return (self.reference_c,)
+        return tuple(dict.fromkeys((self.reference_c, min(temperatures), max(temperatures))))
+
+    def telling(self) -> list[AttemptRecord]:
+        """The steps that stand for a cycle, from cold to hot."""
+        wanted = sorted(self.telling_temperatures_c)
+        chosen = [attempt for each in wanted if (attempt := self.at_temperature(each)) is not None]
+        return list({(each.begin.step_id, each.begin.attempt): each for each in chosen}.values())
+
+    def selected(self, wanted: Sequence[str]) -> list[AttemptRecord]:
+        """Finished steps by their id, or all of them; of a step that was repeated the last attempt.
+
+        Args:
+            wanted: step ids, or only ``all``; empty for those that `telling` gives.
+
+        Raises:
+            DataError: a step is not among the finished ones.
+        """
+        if not wanted:
+            return self.telling()
+        last = {each.begin.step_id: each for each in self.finished}
+        if list(wanted) == ["all"]:
+            return list(last.values())
+        unknown = [each for each in wanted if each not in last]
+        if unknown:
+            known = next(iter(last), "none")
+            raise DataError(f"no finished step '{unknown[0]}' in cycle {self.number}; there is e.g. {known}")
+        return [last[each] for each in wanted]
+
+    @property
     def begin_utc_ns(self) -> int:
         """Begin of its first step; 0 when it had none."""
         return min((each.begin_utc_ns for each in self.attempts), default=0)

@@ -11,6 +11,7 @@ from arl_fixtures.report import figures, over_cycles, sections
 from arl_fixtures.report.blocks import Block, Cell, Picture, Report, Section, Signatures, Table, Text, verdict_cell
 from arl_fixtures.report.cycles import Cycle
 from arl_fixtures.report.events import events
+from arl_fixtures.report.foretelling import foretelling
 from arl_fixtures.report.lifetime import LifetimeModel
 from arl_fixtures.report.maps import MapMaker
 from arl_fixtures.report.results import result_rows
@@ -23,18 +24,25 @@ OVER_TEMPERATURE: Final = (
     ("focal_length_change", "fx"),
     ("principal_point_change", "cx"),
 )
+MAPS: Final = "Maps: P_o, its change, σ, ΔD"
 TITLE: Final = "Qualification report"
 MOST_CYCLES: Final = 20
 ROLES: Final = ("Tested by", "Reviewed by", "Released by")
 
 
-def make_report(cycles: Sequence[Cycle], maps: MapMaker, lifetime: LifetimeModel | None = None) -> Report:
+def make_report(
+    cycles: Sequence[Cycle], maps: MapMaker, lifetime: LifetimeModel | None = None, map_steps: Sequence[str] = ()
+) -> Report:
     """The report of some cycles; details are those of the newest.
 
     Args:
         cycles: at least one, in order.
         maps: where maps come from.
         lifetime: what cycles are worth in use; None where that is not wanted.
+        map_steps: of which steps of the newest cycle there are maps, see `Cycle.selected`.
+
+    Raises:
+        DataError: a step of `map_steps` is not there.
     """
     newest = cycles[-1]
     pictures: dict[str, bytes] = {}
@@ -45,11 +53,11 @@ def make_report(cycles: Sequence[Cycle], maps: MapMaker, lifetime: LifetimeModel
         sections.verdicts(newest),
         *_shortfalls(cycles),
         _temperatures(newest, pictures),
-        _maps(newest, maps, pictures),
+        _maps(newest, maps, pictures, map_steps),
         _over_temperature(newest, pictures),
         *([over_cycles.trends(cycles, pictures)] if len(cycles) > 1 else []),
         over_cycles.lifetime(cycles, lifetime),
-        over_cycles.foretelling(cycles),
+        foretelling(cycles, pictures),
         *(events(record) for record in {cycle.record.path: cycle.record for cycle in cycles}.values()),
         Section(title="Signatures", blocks=(Signatures(roles=ROLES),)),
     ]
@@ -149,30 +157,41 @@ def _temperatures(cycle: Cycle, pictures: dict[str, bytes]) -> Section:
     return Section(title="Temperatures against set-points", blocks=(picture,))
 
 
-def _maps(cycle: Cycle, maps: MapMaker, pictures: dict[str, bytes]) -> Section:
-    attempt = cycle.at_temperature(cycle.reference_c)
-    if attempt is None:
+def _maps(cycle: Cycle, maps: MapMaker, pictures: dict[str, bytes], wanted: Sequence[str]) -> Section:
+    attempts = cycle.selected(wanted)
+    if not attempts:
         missing = Text(text="No step was finished: there are no maps.", tone="not_run")
-        return Section(title="Maps", blocks=(missing,))
-    begin = attempt.begin
+        return Section(title=MAPS, blocks=(missing,))
+    steps = "; ".join(f"{shown(each.begin.step_id)} (set {each.begin.set_temperature_c:g} °C)" for each in attempts)
     blocks: list[Block] = [
         Text(
-            text=f"Measured anew from the bag of step {shown(begin.step_id)} (set {begin.set_temperature_c:g} °C). "
-            "Rows v and columns u as in the image; colours span the 1st to the 99th percentile, white pixels have no "
-            "value."
+            text=f"Measured anew from the bags of {steps}. Rows v and columns u as in the image; white pixels have "
+            "no value. Colours mean the same in all maps of one quantity of one DUT, and span the 1st to the 99th "
+            "percentile."
         )
     ]
-    reasons: dict[str, None] = {}
-    for number, (serial, found) in enumerate(maps.of_attempt(cycle.record, attempt).items(), start=1):
-        reasons |= dict.fromkeys(each.reason for each in found if each.reason)
-        if all(each.values is None for each in found):
-            continue
-        name = f"maps-{number}.png"
-        pictures[name] = figures.map_sheet(found)
-        alt = f"Maps of {shown(serial)}: " + "; ".join(each.title for each in found)
-        blocks.append(Picture(name=name, caption=f"DUT {shown(serial)}", alt=alt, share=0.49))
-    blocks += [Text(text=f"Missing: {shown(reason)}", tone="conditional") for reason in reasons]
-    return Section(title="Maps: P_o, its change, σ, ΔD", blocks=tuple(blocks))
+    found = [maps.of_attempt(cycle.record, attempt) for attempt in attempts]
+    reasons: dict[str, dict[str, None]] = {}
+    for number, dut in enumerate(cycle.record.identity.duts, start=1):
+        own = [each[dut.serial] for each in found]
+        scales = figures.common_scales(own)
+        for place, (attempt, sheet) in enumerate(zip(attempts, own, strict=True), start=1):
+            begin = attempt.begin
+            at = f"{begin.set_temperature_c:g} °C, {'heating' if begin.ramp > 0 else 'cooling'}"
+            for each in sheet:
+                if each.reason:
+                    reasons.setdefault(each.reason, {})[begin.step_id] = None
+            if all(each.values is None for each in sheet):
+                continue
+            name = f"maps-{number}-{place}.png"
+            pictures[name] = figures.map_sheet(sheet, scales)
+            alt = f"Maps of {shown(dut.serial)} at {at}: " + "; ".join(each.title for each in sheet)
+            blocks.append(Picture(name=name, caption=f"DUT {shown(dut.serial)} at {at}", alt=alt, share=0.49))
+    blocks += [
+        Text(text=f"Missing of {', '.join(shown(each) for each in where)}: {shown(reason)}", tone="conditional")
+        for reason, where in reasons.items()
+    ]
+    return Section(title=MAPS, blocks=tuple(blocks))
 
 
 def _over_temperature(cycle: Cycle, pictures: dict[str, bytes]) -> Section:

@@ -56,18 +56,22 @@ def temperatures(cycle: Cycle) -> bytes:
     return drawn(draw, 3.4)
 
 
-def map_sheet(maps: Sequence[ImageMap]) -> bytes:
-    """The maps of one DUT below one another, each with its own scale; a missing one says why."""
+def map_sheet(maps: Sequence[ImageMap], scales: Sequence[tuple[float, float]]) -> bytes:
+    """The maps of one DUT in one step below one another; a missing one says why.
+
+    Args:
+        maps: from above to below.
+        scales: ends of each one's colours, as from `common_scales`.
+    """
 
     def draw(figure: Figure) -> None:
         rows = figure.subplots(len(maps), 1, squeeze=False)[:, 0]
-        for axes, each in zip(rows, maps, strict=True):
+        for axes, each, (low, high) in zip(rows, maps, scales, strict=True):
             axes.set_title(label(each.title), loc="left")
             axes.grid(visible=False)
             if each.values is None or not np.isfinite(each.values).any():
                 _missing(axes, each.reason or "no pixel has a value")
                 continue
-            low, high = _scale(each)
             image = axes.imshow(
                 each.values,
                 aspect="auto",
@@ -97,12 +101,19 @@ def _lines(text: str, width: int = 62, most: int = 4) -> list[str]:
     return lines if len(lines) <= most else [*lines[:most], "…"]
 
 
-def _scale(each: ImageMap) -> tuple[float, float]:
+def common_scales(sheets: Sequence[Sequence[ImageMap]]) -> list[tuple[float, float]]:
+    """One scale for the same quantity on several sheets, so that colours mean the same; one per map of a sheet."""
+    return [_scale(same) for same in zip(*sheets, strict=True)]
+
+
+def _scale(maps: Sequence[ImageMap]) -> tuple[float, float]:
     """Scale that a few odd pixels cannot blow up."""
-    assert each.values is not None
-    finite = each.values[np.isfinite(each.values)]
-    low, high = (float(value) for value in np.percentile(finite, PERCENTILES))
-    if each.centred:
+    finite = [each.values[np.isfinite(each.values)] for each in maps if each.values is not None]
+    ends = [np.percentile(values, PERCENTILES) for values in finite if values.size]
+    if not ends:
+        return 0.0, 1.0
+    low, high = float(min(end[0] for end in ends)), float(max(end[1] for end in ends))
+    if maps[0].centred:
         high = max(abs(low), abs(high), 1e-9)
         low = -high
     return (low, high) if high > low else (low - 1e-9, high + 1e-9)

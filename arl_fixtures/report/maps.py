@@ -99,7 +99,7 @@ class MapMaker:
             summary = statistics.summary() if len(statistics) else None
             steps[serial] = StepData(
                 dut=self._duts[serial],
-                conditions=conditions_of(attempt),
+                conditions=conditions_of(attempt, record.begin.environment),
                 sweep=summary,
                 geometry=self._geometry[serial].at(summary.stage_angle_deg) if summary else None,
                 reference=_reference(record, serial),

@@ -13,7 +13,7 @@ from arl_fixtures.report.cycles import Cycle
 from arl_fixtures.report.drawing import MARKERS, SHADES, drawn, label
 from arl_fixtures.report.figures import half_width, limit_lines
 from arl_fixtures.report.lifetime import Equivalent, LifetimeModel, Stress, fatigue, rate
-from arl_fixtures.report.series import FALSE_DISCOVERIES, Series, correlations, series_over
+from arl_fixtures.report.series import FALSE_DISCOVERIES, Series, series_over
 from arl_fixtures.report.text import limit_text, metric_text, shown, unit_text
 from arl_fixtures.report.trend import FEWEST_CYCLES, HORIZON, Law
 
@@ -22,29 +22,38 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PANELS: Final = 6
-MOST_PAIRS: Final = 15
 
 
 def trends(cycles: Sequence[Cycle], pictures: dict[str, bytes]) -> Section:
     """Each value over cycles with its interval, limit, trend, and the cycle at which it will stand at its limit."""
-    temperature_c = cycles[-1].reference_c
-    found = series_over(cycles, temperature_c)
+    temperatures_c = cycles[-1].telling_temperatures_c
+    found = series_over(cycles, temperatures_c)
     if not found:
         return Section(title="Trends over cycles", blocks=(Text(text="No value with a limit was measured."),))
     found.sort(key=lambda each: (each.trend is None, each.crossing.expected if each.crossing else math.inf))
     moving = [each for each in found if each.trend is not None]
-    blocks: list[Block] = [Text(text=_method(temperature_c, len(found)))]
+    blocks: list[Block] = [Text(text=_method(temperatures_c, len(found)))]
     blocks.append(_table(moving) if moving else Text(text=f"No trend in any of {len(found)} values."))
     if moving and len(moving) < len(found):
         still = dict.fromkeys(metric_text(each.metric, each.scope) for each in found if each.trend is None)
         blocks.append(Text(text=f"No trend in {len(found) - len(moving)} values, of {', '.join(still)}."))
-    blocks += _pictures(found, [dut.serial for dut in cycles[-1].record.identity.duts], pictures)
+    serials = [dut.serial for dut in cycles[-1].record.identity.duts]
+    for place, temperature_c in enumerate(temperatures_c):
+        # everything at the reference temperature; elsewhere what moves at any temperature
+        moved = {(each.metric, each.scope) for each in moving}
+        drawn_here = [
+            each
+            for each in found
+            if each.temperature_c == temperature_c and (not place or (each.metric, each.scope) in moved)
+        ]
+        blocks += _pictures(drawn_here, serials, pictures, temperature_c, place + 1)
     return Section(title="Trends over cycles", blocks=tuple(blocks))
 
 
-def _method(temperature_c: float, count: int) -> str:
+def _method(temperatures_c: Sequence[float], count: int) -> str:
+    temperatures = ", ".join(f"{each:g}" for each in temperatures_c)
     return (
-        f"Each of {count} values is followed over the cycles at its last step at {temperature_c:g} °C. There is a "
+        f"Each of {count} values is followed over the cycles at its last step at {temperatures} °C. There is a "
         "trend where the slope of a straight line differs from zero (Student's t) with at most "
         f"{100 * FALSE_DISCOVERIES:g} % false discoveries among all trends reported (Benjamini-Hochberg); at least "
         f"{FEWEST_CYCLES} cycles are needed. The law is a straight line, or a power law where its AICc is lower by "
@@ -55,9 +64,9 @@ def _method(temperature_c: float, count: int) -> str:
 
 def _table(moving: Sequence[Series]) -> Table:
     return Table(
-        header=("DUT", "Metric", "Law", "Per cycle now", "Limit", "Cycle at the limit (95 %)", "q"),
+        header=("DUT", "Metric", "At", "Law", "Per cycle now", "Limit", "Cycle at the limit (95 %)", "q"),
         rows=tuple(_trend_row(each) for each in moving),
-        weights=(1.6, 2.4, 1.6, 1.6, 1.5, 2.2, 0.9),
+        weights=(1.5, 2.3, 0.9, 1.5, 1.5, 1.4, 2.0, 0.9),
         note="q: false discovery rate at which the trend is just reported. Cycles are counted from cycle 0.",
     )
 
@@ -71,6 +80,7 @@ def _trend_row(each: Series) -> tuple[Cell, ...]:
     return (
         Cell(shown(each.dut)),
         Cell(metric_text(each.metric, each.scope)),
+        Cell(f"{each.temperature_c:g} °C"),
         Cell(law),
         Cell(f"{per_cycle:+.3g} {unit}".rstrip()),
         Cell(limit_text(each.limit)),
@@ -94,21 +104,24 @@ def crossing_cell(each: Series) -> Cell:
     return Cell(f"{expected}({found.earliest:.0f} … {latest})", "conditional")
 
 
-def _pictures(found: Sequence[Series], serials: Sequence[str], pictures: dict[str, bytes]) -> list[Block]:
+def _pictures(
+    found: Sequence[Series], serials: Sequence[str], pictures: dict[str, bytes], temperature_c: float, place: int
+) -> list[Block]:
     panels: dict[tuple[str, str], list[Series]] = {}
     for each in found:
         panels.setdefault((each.metric, each.scope), []).append(each)
     keys, blocks = list(panels), list[Block]()
     for start in range(0, len(keys), PANELS):
         shown_keys = keys[start : start + PANELS]
-        name = f"trends-{start // PANELS + 1}.svg"
+        name = f"trends-{place}-{start // PANELS + 1}.svg"
         pictures[name] = _draw_trends([panels[key] for key in shown_keys], serials)
         titles = ", ".join(metric_text(*key) for key in shown_keys)
         blocks.append(
             Picture(
                 name=name,
-                caption="Values over cycles with 95 % intervals; lines: trends; dashed: limits near enough.",
-                alt=f"Trends of {titles}",
+                caption=f"At {temperature_c:g} °C: values over cycles with 95 % intervals; lines: trends; dashed: "
+                "limits near enough.",
+                alt=f"Trends at {temperature_c:g} °C of {titles}",
                 share=0.49,
             )
         )
@@ -226,42 +239,3 @@ def _worth(found: Equivalent, what: str) -> tuple[Cell, Cell]:
         Cell(f"{low:.3g} … {high:.3g} {what}"),
         Cell(f"{found.years[0]:.2g} … {found.years[1]:.2g}"),
     )
-
-
-def foretelling(cycles: Sequence[Cycle]) -> Section:
-    """Do cheap operating signals foretell the performance? The strongest correlations of each DUT."""
-    rows: list[tuple[Cell, ...]] = []
-    tried, reasons = 0, dict[str, None]()
-    for dut in cycles[-1].record.identity.duts:
-        pairs = correlations(cycles, dut.serial)
-        known = [pair for pair in pairs if not math.isnan(pair.p)]
-        tried += len(known)
-        reasons |= dict.fromkeys(pair.reason for pair in pairs if pair.reason)
-        for pair in [each for each in known if each.q <= FALSE_DISCOVERIES][:MOST_PAIRS]:
-            rows.append(
-                (
-                    Cell(shown(dut.serial)),
-                    Cell(shown(pair.signal)),
-                    Cell(shown(pair.metric)),
-                    Cell(f"{pair.rho:+.2f} ({pair.low:+.2f} … {pair.high:+.2f})"),
-                    Cell(f"{pair.effective_steps:.0f} of {pair.steps}"),
-                    Cell(f"{pair.q:.1g}"),
-                )
-            )
-    intro = (
-        "Spearman's rank correlation of every operating signal with every metric that has a limit, over all finished "
-        f"steps, given set temperature and ramp; {tried} pairs. Reported at a false discovery rate of "
-        f"{100 * FALSE_DISCOVERIES:g} % (Benjamini-Yekutieli) for each DUT."
-    )
-    if not tried:
-        why = f": {next(iter(reasons))}" if reasons else ""
-        return Section(
-            title="Operating signals and performance", blocks=(Text(text=f"Nothing to correlate{shown(why)}."),)
-        )
-    table = Table(
-        header=("DUT", "Operating signal", "Metric", "ρ (95 %)", "Independent steps", "q"),
-        rows=tuple(rows),
-        weights=(1.6, 2.0, 2.6, 2.2, 1.5, 0.8),
-        note=f"At most {MOST_PAIRS} for each DUT, the strongest evidence first." if rows else "None was found.",
-    )
-    return Section(title="Operating signals and performance", blocks=(Text(text=intro), table))

@@ -9,6 +9,7 @@ from typing import Final
 
 from arl_fixtures.journal.entries import AppliedLimit, Measurement
 from arl_fixtures.journal.record import AttemptRecord, SessionRecord
+from arl_fixtures.metrics.instruments import ACCEPT_EXPIRED, CALIBRATION_DUE
 from arl_fixtures.metrics.verdict import Verdict
 from arl_fixtures.quantity import convert
 from arl_fixtures.report.blocks import Block, Cell, Facts, Section, Table, Text, verdict_cell
@@ -83,7 +84,10 @@ def instruments(record: SessionRecord, used_until: date) -> Table:
     for kind in INSTRUMENTS:
         if f"{kind}.driver" not in said:
             continue
-        state = calibration_state(said.get(f"{kind}.calibration_due", ""), said.get(f"{kind}.url", ""), used_until)
+        accepted = said.get(f"{kind}.{ACCEPT_EXPIRED}", "")
+        state = calibration_state(
+            said.get(f"{kind}.{CALIBRATION_DUE}", ""), said.get(f"{kind}.url", ""), used_until, accepted
+        )
         rows.append(
             (
                 Cell(kind),
@@ -108,12 +112,19 @@ def expired_instruments(cycle: Cycle) -> list[str]:
     return [
         kind
         for kind in INSTRUMENTS
-        if calibration_state(said.get(f"{kind}.calibration_due", ""), "", used_until).tone == "fail"
+        if calibration_state(said.get(f"{kind}.{CALIBRATION_DUE}", ""), "", used_until).tone == "fail"
     ]
 
 
-def calibration_state(due: str, url: str, used_until: date) -> Cell:
-    """Whether a calibration held to the end of the cycle."""
+def calibration_state(due: str, url: str, used_until: date, accepted: str = "") -> Cell:
+    """Whether a calibration held to the end of the cycle.
+
+    Args:
+        due: last day that counts, ISO; empty where it is not stated.
+        url: address of the instrument.
+        used_until: when the cycle ended.
+        accepted: why the instrument could be used after that day; empty where it could not.
+    """
     if not due:
         return Cell("emulated: needs none") if url == "emulated" else Cell("due date not stated", "conditional")
     try:
@@ -121,7 +132,8 @@ def calibration_state(due: str, url: str, used_until: date) -> Cell:
     except ValueError:
         return Cell(f"due date unreadable: {shown(due)}", "conditional")
     if day < used_until:
-        return Cell(f"EXPIRED, was due {day.isoformat()}", "fail")
+        why = f"; accepted: {shown(accepted)}" if accepted else ""
+        return Cell(f"EXPIRED, was due {day.isoformat()}{why}", "fail")
     return Cell(f"valid, due {day.isoformat()}", "pass")
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from arl_fixtures.bench.config import BenchConfig, load_bench
+from arl_fixtures.bench.keep import kept_bench
 from arl_fixtures.errors import ConfigError, StorageError
 from arl_fixtures.journal.record import SessionRecord
 from arl_fixtures.report.blocks import Report
@@ -20,8 +21,8 @@ def map_maker(record: SessionRecord, bench: str = "") -> MapMaker:
 
     Args:
         record: the journal.
-        bench: a bench file, or the name of a bench that comes with the package; by default the one the journal names,
-            if it has not changed since.
+        bench: a bench file, or the name of a bench that comes with the package; by default the copy that the session
+            kept, or the bench that the journal names if it has not changed since.
 
     Raises:
         ConfigError: a bench file that was given is wrong.
@@ -29,6 +30,13 @@ def map_maker(record: SessionRecord, bench: str = "") -> MapMaker:
     identity = record.identity
     if bench:
         return MapMaker(load_bench(bench))
+    try:
+        kept = kept_bench(record.path.parent, identity.bench_sha256)
+    except ConfigError as error:
+        why = str(error).replace(f"{record.path.parent}/", "")
+        return MapMaker(None, f"the bench file that the session kept cannot be used here: {why}")
+    if kept is not None:
+        return MapMaker(kept)
     known = _bench_of(identity.bench_name)
     if known is not None and known.sha256 == identity.bench_sha256:
         return MapMaker(known)

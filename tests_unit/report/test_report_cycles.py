@@ -6,13 +6,14 @@ from datetime import date
 
 import numpy as np
 import pytest
-from report_samples import HOSTILE, drifting, journal, limit, one_step, report_of, step_id, step_of, value
+from report_samples import HOSTILE, NO_MAPS, drifting, journal, limit, one_step, report_of, step_id, step_of, value
 
 from arl_fixtures.errors import DataError
 from arl_fixtures.journal import entries as said
 from arl_fixtures.metrics.verdict import Verdict
 from arl_fixtures.report.blocks import Section, Table, Text
 from arl_fixtures.report.cycles import load_cycles
+from arl_fixtures.report.document import make_report
 from arl_fixtures.report.over_cycles import stress_of
 from arl_fixtures.report.results import result_rows
 from arl_fixtures.report.sections import calibration_state
@@ -179,7 +180,7 @@ def test_a_folder_counts_its_sessions_and_not_its_rejudgements(tmp_path):
 def test_a_drift_is_found_and_its_limit_foretold(tmp_path):
     rng = np.random.default_rng(1)
     drift = [-0.02 * cycle + float(rng.normal(0, 0.004)) for cycle in range(10)]
-    (series,) = series_over(load_cycles([drifting(tmp_path, drift)]), 25.0)
+    (series,) = series_over(load_cycles([drifting(tmp_path, drift)]), [25.0])
     assert series.trend is not None
     assert series.bound == -1.0
     assert series.crossing.earliest < 50.0 < series.crossing.latest
@@ -191,7 +192,22 @@ def test_a_drift_is_found_and_its_limit_foretold(tmp_path):
 def test_noise_is_no_trend(tmp_path):
     rng = np.random.default_rng(2)
     path = drifting(tmp_path, rng.normal(0, 0.01, 8).tolist())
-    assert "No trend in any of 1 values" in texts(section(report_of(path), "Trends over cycles"))
+    assert "No trend in any of 2 values" in texts(section(report_of(path), "Trends over cycles"))
+
+
+def test_a_trend_in_the_cold_alone_is_found_and_drawn(tmp_path):
+    rng = np.random.default_rng(4)
+    lines, plan = [], []
+    for cycle in range(10):
+        for index, (temperature_c, drift) in enumerate(((-10.0, -0.02), (25.0, 0.0))):
+            name = step_id(cycle, index, temperature_c)
+            plan.append(name)
+            number = drift * cycle + float(rng.normal(0, 0.004))
+            lines += step_of(cycle, index, temperature_c, value(name, "SN-1", number))
+    report = report_of(journal(tmp_path, lines, plan, cycles=range(10)))
+    (row,) = next(block for block in section(report, "Trends over cycles").blocks if isinstance(block, Table)).rows
+    assert row[2].text == "-10 °C"
+    assert {"trends-1-1.svg", "trends-2-1.svg"} <= set(report.pictures)
 
 
 def test_two_cycles_are_too_few_for_a_trend_and_said_so(tmp_path):
@@ -214,14 +230,40 @@ def test_an_operating_signal_that_follows_a_metric_is_found(tmp_path):
         name = step_id(cycle, 0, 25.0)
         plan.append(name)
         hidden = float(rng.normal())
+        cold = value(name, "SN-1", hidden + 3.0, metric="focal_length", scope="fx")
+        change = value(name, "SN-1", hidden, metric="focal_length_change", scope="fx")
+        twin = value(name, "SN-1", hidden, metric="twin_distance_bias", scope="stripe_50")
         current = value(name, "SN-1", hidden + float(rng.normal(0, 0.1)), metric="operating", scope="laser_current_a")
         idle = value(name, "SN-1", float(rng.normal()), metric="operating", scope="rail_5v0_v")
-        lines += step_of(cycle, 0, 25.0, [*value(name, "SN-1", hidden), *current, *idle])
+        performance = [*value(name, "SN-1", hidden), *cold, *change, *twin]
+        lines += step_of(cycle, 0, 25.0, [*performance, *current, *idle])
     path = journal(tmp_path, lines, plan, cycles=range(30))
-    best, other = correlations(load_cycles([path]), "SN-1")
-    assert (best.signal, best.metric) == ("laser_current_a", "power_change")
-    assert best.q < 1e-6
-    assert other.q > 0.05
+    cycles = load_cycles([path])
+    pairs = correlations([attempt for cycle in cycles for attempt in cycle.finished], "SN-1")
+    # a change says what the value itself says, and the twin's agreement is no performance
+    assert {pair.metric for pair in pairs} == {"power_change", "focal_length[fx]"}
+    assert all((pair.q < 1e-6) is (pair.signal == "laser_current_a") for pair in pairs)
+    report = make_report(cycles, NO_MAPS)
+    told = texts(section(report, "Operating signals and performance"))
+    assert "Nothing to correlate over the steps of cycle 29" in told
+    assert "over the steps of all 30 cycles (30 steps, 4 pairs)" in told
+    assert "foretelling-2-1.svg" in report.pictures
+
+
+def test_what_the_temperature_explains_foretells_nothing(tmp_path):
+    rng = np.random.default_rng(8)
+    lines, plan = [], []
+    for index, temperature_c in enumerate(np.linspace(-10.0, 85.0, 39)):
+        name = step_id(0, index, temperature_c)
+        plan.append(name)
+        level = value(name, "SN-1", 0.01 * temperature_c + float(rng.normal(0, 0.01)), metric="power_level")
+        volts = 0.1 * temperature_c + float(rng.normal(0, 0.1))
+        rail = value(name, "SN-1", volts, metric="operating", scope="rail_v")
+        lines += step_of(0, index, temperature_c, [*level, *rail])
+    (cycle,) = load_cycles([journal(tmp_path, lines, plan)])
+    (pair,) = correlations(list(cycle.finished), "SN-1")
+    assert abs(pair.rho) < 0.5
+    assert pair.q > 0.05
 
 
 def test_what_would_not_be_seen_is_spelt_out():

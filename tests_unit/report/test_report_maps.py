@@ -10,6 +10,8 @@ import pytest
 from report_samples import journal, report_of, step_id, step_of, value
 
 from arl_fixtures.bench.config import load_bench
+from arl_fixtures.bench.keep import keep_bench
+from arl_fixtures.errors import ConfigError, DataError
 from arl_fixtures.journal.entries import Bag
 from arl_fixtures.metrics.block import AngleBlock
 from arl_fixtures.metrics.collect import collect
@@ -135,9 +137,9 @@ def test_the_report_holds_a_sheet_of_maps_and_is_the_same_twice(campaign):
     cycles = load_cycles([campaign])
     pages = [make_report(cycles, map_maker(cycles[0].record, str(campaign / "one-dut.yaml"))) for _ in range(2)]
     assert pages[0].pictures == pages[1].pictures
-    assert pages[0].pictures["maps-1.png"].startswith(b"\x89PNG")
+    assert pages[0].pictures["maps-1-1.png"].startswith(b"\x89PNG")
     assert any(
-        isinstance(block, Picture) and block.name == "maps-1.png" for s in pages[0].sections for block in s.blocks
+        isinstance(block, Picture) and block.name == "maps-1-1.png" for s in pages[0].sections for block in s.blocks
     )
 
 
@@ -178,6 +180,39 @@ def test_without_the_bench_file_the_report_still_comes(campaign):
         f"the bench file with SHA-256 {cycle.record.identity.bench_sha256[:12]}… is not at hand (--bench FILE)"
     }
     assert report_of(campaign / "session-0001.jsonl").verdict.text == "PASS"
+
+
+def test_the_copies_that_a_session_keeps_are_all_that_the_maps_need(campaign, tmp_path):
+    folder = copied(campaign, tmp_path)
+    keep_bench(load_bench(str(folder / "one-dut.yaml")), folder)
+    (folder / "one-dut.yaml").unlink()
+    (folder / "dut.yaml").unlink()
+    (cycle,) = load_cycles([folder])
+    assert all(each.values is not None for each in maps_of(folder, map_maker(cycle.record)))
+
+
+def test_copies_that_were_changed_are_not_used(campaign, tmp_path):
+    folder = copied(campaign, tmp_path)
+    kept = keep_bench(load_bench(str(folder / "one-dut.yaml")), folder)
+    (kept / "dut-001.yaml").write_text("serial: SN-1\nrows: 16\n")
+    (cycle,) = load_cycles([folder])
+    assert {each.values is None for each in maps_of(folder, map_maker(cycle.record))} == {True}
+
+
+def test_a_bench_file_that_changes_while_the_session_begins_is_refused(campaign, tmp_path):
+    folder = copied(campaign, tmp_path)
+    bench = load_bench(str(folder / "one-dut.yaml"))
+    (folder / "dut.yaml").write_text("serial: SN-2\n")
+    with pytest.raises(ConfigError, match="changed while the session began"):
+        keep_bench(bench, folder)
+
+
+def test_maps_of_steps_that_are_asked_for_and_none_of_others(campaign):
+    (cycle,) = load_cycles([campaign])
+    assert [each.begin.step_id for each in cycle.selected([STEP])] == [STEP]
+    assert [each.begin.step_id for each in cycle.selected(["all"])] == [STEP]
+    with pytest.raises(DataError, match="no finished step 'c0000-99'"):
+        cycle.selected(["c0000-99"])
 
 
 def test_a_bench_without_the_dut_is_named(campaign, tmp_path):
