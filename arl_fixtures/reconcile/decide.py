@@ -21,13 +21,14 @@ from arl_fixtures.reconcile.findings import (
     scatter_finding,
 )
 from arl_fixtures.reconcile.fit import Fit, finish, fit, with_vector
-from arl_fixtures.reconcile.law import Law, find_law
+from arl_fixtures.reconcile.law import Law
+from arl_fixtures.reconcile.law_search import Chosen, add_trees, search_law
 from arl_fixtures.reconcile.locate import locate, located_law
 from arl_fixtures.reconcile.patterns import Pattern, Scatter, find_patterns, find_scatter, is_calibration
 from arl_fixtures.reconcile.pilot import Structure
 from arl_fixtures.reconcile.problem import FOLDS, ChannelData, Problem
 from arl_fixtures.reconcile.roles import Role
-from arl_fixtures.reconcile.search import MISFIT_SHARE, Found, Search, constant_z
+from arl_fixtures.reconcile.search import MISFIT_SHARE, PRICE, Found, Search, constant_z
 from arl_fixtures.reconcile.terms import Term, forward
 
 STRUCTURE_Z, STRUCTURE_GAIN = 3.7, 12.0
@@ -36,6 +37,11 @@ LEFT_SHARE = 0.25
 """Largest share of a channel's mismatch that may stay predictable under a name."""
 UNKNOWN_SHARE = 0.08
 """Share above which what is left is reported as a finding of its own."""
+BEATEN_BY, BEATEN_SHARE = 8.0, 0.05
+"""By how much a law must do better than names before these are refused: log-likelihood, or share of their gain."""
+LAW_EVIDENCE, LAW_GAIN, LAW_Z = 4.0, 7.0, 2.4
+"""Where nothing else tells of a mismatch, a law's first term must earn this beyond its price, and the law must gain
+this on unseen blocks, this surely."""
 PIXEL_COLUMNS = frozenset({"pixel_u", "pixel_v", "azimuth_deg", "elevation_deg"})
 CONSTANT_Z = 8.0
 """A unit's constant gain or offset this many standard errors from none is a mismatch if nothing else explains it."""
@@ -47,6 +53,19 @@ def is_structure(seen: Structure) -> bool:
     What sits in few blocks only has a low z for its gain: it must gain more.
     """
     return seen.gain > STRUCTURE_GAIN * max(1.0, (STRUCTURE_Z / max(seen.z, 0.1)) ** 2)
+
+
+def _important(seen: Structure) -> list[str]:
+    """Columns by which a physics-free model splits most."""
+    order = sorted(seen.ceiling.importance.items(), key=lambda kv: -kv[1])
+    return [name for name, share in order[:5] if share > 0.05]
+
+
+def is_law(chosen: Chosen) -> bool:
+    """Whether a law by itself is evidence of a mismatch."""
+    return bool(chosen.terms) and (
+        chosen.terms[0].gain > LAW_EVIDENCE and chosen.held > LAW_GAIN and chosen.z > LAW_Z
+    )
 
 
 class Decision:
@@ -151,14 +170,34 @@ class Decision:
         return 0.5 * float(before @ before - after @ after)
 
     def _gate(self) -> None:
-        """Drop the names of channels in which too much stays predictable."""
-        bad = {d.channel.name for d in self.problem.data if self.left_share(d.channel.name) > LEFT_SHARE}
-        if not bad or not self.best.terms:
+        """Drop the names of channels in which too much stays predictable, or which a law without physics beats."""
+        if not self.best.terms:
             return
+        bad = {d.channel.name for d in self.problem.data if self.left_share(d.channel.name) > LEFT_SHARE}
+        bad |= {d.channel.name for d in self.problem.data if d.channel.name not in bad and self._is_beaten(d)}
         kept = tuple(t for t in self.best.terms if not self._mostly_in(t, bad))
         if len(kept) != len(self.best.terms):
             self.best = finish(self.problem, fit(self.problem, kept, rounds=4))
             self._look()
+
+    def _is_beaten(self, d: ChannelData) -> bool:
+        """Whether an empirical law explains a channel clearly better than its names; each pays for its parameters."""
+        if d.channel.role is Role.SCATTER:
+            return False
+        acting = [t for t in self.best.terms if d.channel.name in self.energy(t)]
+        if not acting:
+            return False
+        own = forward(self.terms, self.problem.view)
+        bare = forward([t for t in self.terms if t not in acting], self.problem.view)
+        law, chosen = search_law(self.found.looker, d, bare, self._leading(d))
+        if not law.terms:
+            return False
+        name, base = d.channel.name, d.fit_scatter(d.residual(bare))[0]
+        corrected = bare[name] + law.correction(self.found.looker.features, bare[name])
+        price = PRICE * sum(len(t.free()) for t in acting)
+        named = d.fit_scatter(d.residual(own))[0] - base - price
+        lawful = d.fit_scatter(d.measured - d.expect * corrected[d.use])[0] - base - chosen.freedom
+        return lawful > named + max(BEATEN_BY, BEATEN_SHARE * named)
 
     def _mostly_in(self, term: Term, names: set[str]) -> bool:
         energy = self.energy(term)
@@ -181,16 +220,40 @@ class Decision:
         state = forward(self.terms, self.problem.view)
         for d in self.problem.data:
             name = d.channel.name
-            left = self.after[name]
-            acted = bool(self.best.terms) and any(name in self.energy(t) for t in self.terms)
-            if is_structure(left) and (not acted or self.left_share(name) > UNKNOWN_SHARE):
-                law = find_law(self.found.looker, d, state, left)
-                if law.terms or law.trees:
+            acted = bool(self.terms) and any(name in self.energy(t) for t in self.terms)
+            if not acted or self.left_share(name) > UNKNOWN_SHARE:
+                law = self._law_of(d, state, self.after[name])
+                if law is not None:
                     self.laws.append(law)
-            elif not acted:
-                law = located_law(self.found.looker, d, state)
-                if law.terms:
-                    self.laws.append(law)
+
+    def _leading(self, d: ChannelData) -> list[str]:
+        """Columns that matter most to a channel's mismatch, with names and without."""
+        before, after = self.found.before[d.channel.name], self.after[d.channel.name]
+        drivers = [c for t in self.best.terms for c in t.variant.drivers if c in self.found.looker.features]
+        return list(dict.fromkeys([*_important(before)[:3], *_important(after)[:2], *drivers]))
+
+    def _law_of(self, d: ChannelData, state: State, left: Structure) -> Law | None:
+        """Law of what is left in a channel: of functions, else of tables where they stand out, else of trees."""
+        looker, certain = self.found.looker, is_structure(left)
+        place = locate(looker, d, state)
+        if not (certain or place) and (d.channel.role is Role.SCATTER or not np.any(d.residual(state))):
+            return None
+        leading = [*(place.columns if place else []), *_important(left)]
+        law, chosen = search_law(looker, d, state, leading)
+        if not (certain or place or is_law(chosen)):
+            return None
+        if place is not None and law.law_gain < place.gain / 2.0:
+            tables = located_law(looker, d, state)
+            if tables.terms:
+                law = tables
+            else:  # what every step has anew: it has a place, but no law
+                law.drivers = list(dict.fromkeys([*place.columns, *law.drivers]))
+                law.gain = max(law.gain, place.gain)
+        if certain:
+            add_trees(law, looker, d, state, left)
+            law.drivers = law.drivers or _important(left)[:3]
+            law.gain = max(law.gain, left.gain)
+        return law if law.drivers else None
 
     def cross_fitted(self) -> State:
         """Corrected simulation in which each fold's rows use parameters of the other folds (one Newton step)."""

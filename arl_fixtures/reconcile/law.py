@@ -2,8 +2,8 @@
 
 A channel's correction is Σ coefficient · f(column) · g(column), times the simulated value where the channel is
 calibrated by a gain. Each axis function is dimensionless: its argument is a ratio (column over its own range), so
-the coefficients carry the channel's unit, or none. Terms enter one by one, simple ones first, and only while unseen
-blocks gain. What the law cannot say but the columns can predict may be kept as boosted trees beside it.
+the coefficients carry the channel's unit, or none. What the law cannot say but the columns can predict may be kept as
+boosted trees beside it. How a law is found stands in `law_search`.
 """
 
 from __future__ import annotations
@@ -13,19 +13,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from arl_fixtures.reconcile.boosting import Binned, Boosted, Tree, bin_columns
+from arl_fixtures.reconcile.boosting import Boosted, Tree
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
-from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.features import category_id
-from arl_fixtures.reconcile.pilot import Looker, Structure
-from arl_fixtures.reconcile.problem import ChannelData
-from arl_fixtures.reconcile.roles import Role, unit_of
+from arl_fixtures.reconcile.roles import unit_of
 
-MOST_COLUMNS = 8
-MOST_TERMS = 5
-MOST_ROWS = 10_000
-PRICE_SINGLE, PRICE_PRODUCT = 6.0, 9.0
-"""Log-likelihood that a term must earn: the price of having chosen it among some hundred or thousand."""
+Features = dict[str, FloatArray]
 INTEGER_AXES = ("pixel_u", "pixel_v", "step", "cycle")
 
 
@@ -36,11 +29,12 @@ class Axis:
     Attributes:
         column: feature name (see `features_of`).
         kind: `linear`, `square`, `above`, `below` (hinges), `step`, `exp`, `inverse`, `log`, `sin`, `cos`, `parity`,
-            `is` (a category), `table` (one value per bin), `one`.
+            `is` (a category), `table` (one value per bin), `curve` (straight lines between knots), `one`.
         middle, width: the ratio is (x − middle) / width.
         at: knot or period in the column's unit, or number of a category.
         label: category label of `is`.
-        edges, values: bins of `table` and their coefficients.
+        edges, values: bins of `table`, or knots of `curve`, and their coefficients; without values the axis is open:
+            it stands for all functions of its kind.
     """
 
     column: str
@@ -57,7 +51,17 @@ class Axis:
         folded = np.mod(x, self.at) if self.at > 0 else x
         return np.searchsorted(np.asarray(self.edges), folded, side="right").astype(np.int64)
 
-    def __call__(self, features: dict[str, FloatArray]) -> FloatArray:
+    @property
+    def is_open(self) -> bool:
+        """Whether the values of a table or curve are still to be found."""
+        return self.kind in {"table", "curve"} and not self.values
+
+    @property
+    def count(self) -> int:
+        """Number of values of a table or curve."""
+        return len(self.edges) + (1 if self.kind == "table" else 0)
+
+    def __call__(self, features: Features) -> FloatArray:
         """Values on rows; NaN inputs give 0 (nothing known, nothing corrected)."""
         if self.kind == "one":
             return np.ones(len(next(iter(features.values()))))
@@ -75,7 +79,8 @@ class Axis:
             "above": f"max({c} - {a}, 0)/{w}", "below": f"max({a} - {c}, 0)/{w}", "step": f"[{c} > {a}]",
             "exp": f"exp(3*({c} - {m})/{w})", "inverse": f"{m}/{c}", "log": f"ln({c}/{m})",
             "sin": f"sin(2*pi*{c}/{a})", "cos": f"cos(2*pi*{c}/{a})", "parity": f"(-1)^{c}",
-            "is": f"[{c} = {self.label}]", "table": f"table({c}{f' mod {a}' if self.at else ''})",
+            "is": f"[{c} = {self.label}]", "curve": f"curve({c})",
+            "table": f"table({c}{f' mod {a}' if self.at else ''})",
         }[self.kind]  # fmt: skip
 
 
@@ -118,7 +123,7 @@ class Law:
     gain: float = 0.0
     law_gain: float = 0.0
 
-    def correction(self, features: dict[str, FloatArray], sim: FloatArray) -> FloatArray:
+    def correction(self, features: Features, sim: FloatArray) -> FloatArray:
         """What to add to the corrected simulation, from feature columns on the same rows."""
         total = np.zeros(len(sim))
         for term in self.terms:
@@ -140,6 +145,8 @@ class Law:
     def expression(self) -> str:
         """The law in one line."""
         head = f"{self.channel} *= 1 + " if self.relative else f"{self.channel} += "
+        if not self.terms and not self.trees:
+            return f"{self.channel}: by {', '.join(self.drivers)}, in every group otherwise"
         body = " + ".join(f"c{k + 1}*{term.text}" for k, term in enumerate(self.terms)) or "0"
         return head + body + (" + trees(" + ", ".join(self.binned_names[:4]) + ", ...)" if self.trees else "")
 
@@ -174,6 +181,8 @@ def _function(kind: str, x: FloatArray, axis: Axis) -> FloatArray:
             return np.asarray(np.cos(2.0 * np.pi * x / axis.at))
         case "table":
             return np.asarray(np.asarray(axis.values)[axis.bin_of(x)])
+        case "curve":
+            return np.asarray(np.interp(x, np.asarray(axis.edges), np.asarray(axis.values)))
         case "parity":
             return np.where(np.mod(x, 2.0) < 0.5, 1.0, -1.0)
         case _:
@@ -215,148 +224,3 @@ def axes_of(name: str, values: FloatArray, labels: tuple[str, ...]) -> Iterator[
         if distinct >= 3 * pieces:
             for kind in ("sin", "cos"):
                 yield Axis(column=name, kind=kind, at=span / pieces)
-
-
-def find_law(looker: Looker, data: ChannelData, state: State, structure: Structure) -> Law:
-    """Greedy law of a channel's residual on its located columns."""
-    view = looker.problem.view
-    pick = data.use if len(data.use) <= MOST_ROWS else data.use[:: len(data.use) // MOST_ROWS + 1]
-    inside = np.searchsorted(data.use, pick)
-    order = [n for n, share in sorted(structure.ceiling.importance.items(), key=lambda kv: -kv[1]) if share > 0.01]
-    names = order[:MOST_COLUMNS]
-    features = {name: looker.features[name] for name in names}
-    axes: list[Axis] = []
-    for name in names:
-        labels = view.labels(name) if view.is_category(name) else ()
-        axes += list(axes_of(name, features[name], labels))
-    relative = data.channel.role in {Role.INTENSITY, Role.SCATTER}
-    sim = state[data.channel.name]
-    scale = data.expect * (sim[data.use] if relative else np.ones(len(data.use)))
-    residual = data.whiten(data.residual(state))[inside]
-    local = {name: values[data.use] for name, values in features.items()}
-    singles = [axis(local) for axis in axes]
-    fold = data.fold[inside]
-
-    def whitened(columns: list[FloatArray]) -> FloatArray:
-        return np.stack([data.whiten(scale * c)[inside] for c in columns]) if columns else np.zeros((0, len(inside)))
-
-    pool: list[tuple[Axis, ...]] = [(axis,) for axis in axes]
-    vectors = whitened(singles)
-    strength = _gains(vectors, residual)
-    by_column: dict[str, list[int]] = {}
-    for k in np.argsort(-strength, kind="stable"):
-        by_column.setdefault(axes[k].column, []).append(int(k))
-    pairs: list[tuple[int, int]] = []
-    leading = names[:5]
-    for i, first in enumerate(leading):
-        for second in leading[i + 1 :]:
-            for a in _varied(by_column.get(first, []), axes):
-                for b in _varied(by_column.get(second, []), axes):
-                    pairs.append((a, b))
-    pool += [(axes[a], axes[b]) for a, b in pairs]
-    vectors = np.concatenate([vectors, whitened([singles[a] * singles[b] for a, b in pairs])])
-    if not data.calibrated:
-        pool.append((Axis(column="", kind="one"),))
-        vectors = np.concatenate([vectors, whitened([np.ones(len(data.use))])])
-    price = np.array([PRICE_SINGLE if len(item) == 1 else PRICE_PRODUCT for item in pool])
-    if pool and pool[-1][0].kind == "one":
-        price[-1] = 2.0
-    chosen: list[int] = []
-    left = residual
-    held = 0.0
-    while len(chosen) < MOST_TERMS:
-        gains = _gains(_orthogonal(vectors, vectors[chosen]), left) - price
-        gains[chosen] = -np.inf
-        k = int(np.argmax(gains))
-        if not gains[k] > 0:
-            break
-        trial = _held_out(vectors[[*chosen, k]], residual, fold)
-        if trial <= held + 1.0:
-            break
-        held = trial
-        chosen.append(k)
-        left = residual - _solve(vectors[chosen], residual)[0] @ vectors[chosen]
-    values, errors = _solve(vectors[chosen], residual)
-    terms = [
-        LawTerm(axes=pool[k], value=float(v), error=float(e)) for k, v, e in zip(chosen, values, errors, strict=True)
-    ]
-    ratio = len(data.use) / max(len(inside), 1)
-    law = Law(
-        channel=data.channel.name, relative=relative, terms=terms, drivers=_drivers(terms, order),
-        law_gain=held * ratio, gain=held * ratio,
-    )  # fmt: skip
-    _add_trees(law, looker, data, state, structure)
-    return law
-
-
-def _varied(ranked: list[int], axes: list[Axis], most: int = 7) -> list[int]:
-    """Strongest functions of a column, at most two of a kind, linear and parity always among them."""
-    counts: dict[str, int] = {}
-    chosen: list[int] = []
-    for k in ranked:
-        kind = axes[k].kind
-        if counts.get(kind, 0) < 2 and (len(chosen) < most or kind in {"linear", "parity", "is"}):
-            counts[kind] = counts.get(kind, 0) + 1
-            chosen.append(k)
-    return chosen
-
-
-def _gains(vectors: FloatArray, residual: FloatArray) -> FloatArray:
-    power = np.einsum("kn,kn->k", vectors, vectors)
-    score = vectors @ residual
-    return np.where(power > 1e-9, 0.5 * score**2 / np.maximum(power, 1e-9), 0.0)
-
-
-def _orthogonal(vectors: FloatArray, basis: FloatArray) -> FloatArray:
-    if len(basis) == 0:
-        return vectors
-    q, _ = np.linalg.qr(basis.T)
-    return np.asarray(vectors - (vectors @ q) @ q.T)
-
-
-def _solve(vectors: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
-    if len(vectors) == 0:
-        return np.zeros(0), np.zeros(0)
-    gram = vectors @ vectors.T
-    gram = gram + np.eye(len(gram)) * 1e-9 * np.trace(gram)
-    inverse = np.linalg.inv(gram)
-    return np.asarray(inverse @ (vectors @ residual)), np.sqrt(np.diag(inverse))
-
-
-def _held_out(vectors: FloatArray, residual: FloatArray, fold: IntArray) -> float:
-    """Log-likelihood gained on each fold by coefficients from the others."""
-    total = 0.0
-    for k in np.unique(fold):
-        train, test = fold != k, fold == k
-        if not train.any():
-            continue
-        values, _ = _solve(vectors[:, train], residual[train])
-        left = residual[test] - values @ vectors[:, test]
-        total += 0.5 * float(residual[test] @ residual[test] - left @ left)
-    return total
-
-
-def _drivers(terms: list[LawTerm], order: list[str]) -> list[str]:
-    named: list[str] = []
-    for term in terms:
-        named += [axis.column for axis in term.axes if axis.column and axis.column not in named]
-    return named or order[:3]
-
-
-def _add_trees(law: Law, looker: Looker, data: ChannelData, state: State, structure: Structure) -> None:
-    """Keep boosted trees beside the law where unseen blocks gain clearly."""
-    after = dict(state)
-    after[law.channel] = state[law.channel] + law.correction(looker.features, state[law.channel])
-    rest = looker.look(data, after)
-    if not (rest.z > 3.0 and rest.gain > 0.1 * max(structure.gain, 1.0) and rest.gain > 12.0):
-        return
-    rows = looker.rows_of(data)
-    target, weight = looker.target_of(data, after, rows)
-    names = tuple(n for n, share in sorted(rest.ceiling.importance.items(), key=lambda kv: -kv[1]) if share > 0.02)[
-        :8
-    ]
-    binned: Binned = bin_columns({n: looker.features[n][data.use[rows]] for n in names})
-    model = Boosted()
-    model.fit(binned.codes, target, weight, trees=40)
-    law.trees, law.binned_names, law.edges, law.rate = model.trees, binned.names, binned.edges, model.rate
-    law.gain += rest.gain

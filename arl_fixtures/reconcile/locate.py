@@ -28,6 +28,10 @@ LOCATED_GAIN, LOCATED_Z = 11.0, 3.5
 MOST_BINS = 24
 MOST_PLACES = 3
 PERIODS = (2, 3, 4, 6, 8, 16)
+WITHIN_STEPS = ("pixel_v", "pixel_u", "zone", "elevation_deg", "azimuth_deg")
+STEP_BINS, STEP_GAIN = 12, 20.0
+STEP_SLOPE = Axis(column="step", kind="one")
+"""Marks a pattern that each step has anew."""
 SLOPES = ("cycle", "time_s", "ramp", "stage_angle_deg")
 
 
@@ -60,7 +64,7 @@ def locate(looker: Looker, data: ChannelData, state: State) -> Place | None:
     half = np.unique(data.block, return_inverse=True)[1] % 2
     features = {name: values[data.use] for name, values in looker.features.items()}
     step = looker.problem.groups.step[looker.problem.view.rows[data.use]]
-    best: Place | None = None
+    best = _own_in_steps(data, residual, features, step)
     for binning, code in _binnings(features, looker):
         for slope in _slopes(features, looker):
             if slope.column == binning.column or _is_shared(code, slope, step, features):
@@ -71,6 +75,43 @@ def locate(looker: Looker, data: ChannelData, state: State) -> Place | None:
             found = _test(binning, slope, code, direction, residual, weight, half)
             if found is not None and (best is None or found.gain > best.gain):
                 best = found
+    return best
+
+
+def _own_in_steps(
+    data: ChannelData, residual: FloatArray, features: dict[str, FloatArray], step: IntArray
+) -> Place | None:
+    """A pattern over the image or over zones that every step has anew; it locates, and predicts no unseen step.
+
+    What half of the rows of a bin and step say must predict the other half.
+    """
+    steps = int(step.max()) + 1
+    weight = data.root_weight**2
+    # within a cell by chance, not in turn: rows stand in the order of pixels or of the sweep
+    half = np.random.default_rng(len(residual)).permutation(len(residual)) % 2
+    best: Place | None = None
+    for name in WITHIN_STEPS:
+        if name not in features or not np.isfinite(features[name]).all():
+            continue
+        values = features[name]
+        levels = np.unique(values)
+        if len(levels) < 4:
+            continue
+        cuts = (levels[1:] + levels[:-1]) / 2.0
+        if len(levels) > STEP_BINS:
+            cuts = np.unique(np.quantile(values, np.linspace(0, 1, STEP_BINS + 1)[1:-1]))
+        axis = Axis(column=name, kind="table", edges=tuple(float(x) for x in cuts))
+        code = axis.bin_of(values)
+        cell = np.unique(step * (len(cuts) + 1) + code, return_inverse=True)[1].astype(np.int64)
+        if 4 * (int(cell.max()) + 1) > len(residual) or steps < 3:
+            continue
+        direction = data.expect * data.scale
+        # what all steps have in common is a pattern of its own, and found as such
+        top = np.bincount(code, weight * direction * residual, minlength=axis.count)
+        mean = top / np.maximum(np.bincount(code, weight * direction**2, minlength=axis.count), 1e-300)
+        found = _test(axis, STEP_SLOPE, cell, direction, residual - direction * mean[code], weight, half)
+        if found is not None and found.gain > STEP_GAIN and (best is None or found.gain > best.gain):
+            best = replace(found, table=replace(axis, values=(0.0,) * axis.count))
     return best
 
 
@@ -180,7 +221,7 @@ def located_law(looker: Looker, data: ChannelData, state: State) -> Law:
     corrected = dict(state)
     for _ in range(MOST_PLACES):
         place = locate(looker, data, corrected)
-        if place is None:
+        if place is None or place.slope is STEP_SLOPE:
             break
         axes = (place.table,) if not place.slope.column else (place.table, place.slope)
         law.terms.append(LawTerm(axes=axes, value=1.0, error=1.0 / max(place.z, 1.0)))

@@ -12,6 +12,7 @@ from benchmarks.concealed import (
     effects_laser,
     effects_optics,
     effects_point,
+    effects_strange,
     effects_timing,
     effects_unknown,
     laser_curve,
@@ -40,6 +41,7 @@ LIBRARY: tuple[Recipe, ...] = (
 )
 UNKNOWN: tuple[Recipe, ...] = (
     *effects_unknown.RECIPES,
+    *effects_strange.RECIPES,
     *thermal_plant.UNKNOWN,
     *zone_sensor.UNKNOWN,
     *camera.UNKNOWN,

@@ -1,0 +1,189 @@
+"""What may enter an empirical law: functions of columns with a prior on their coefficients.
+
+Three families, in the order of their price. One function with one coefficient (a line, a step, a wave); a curve or a
+table over one column, whose values are drawn from one smooth or one exchangeable normal law; and both of them times a
+line in a second column, or a smooth map over two. The prior's width is fitted, so that a curve bends only as far as
+the data ask, and what a curve gains is comparable with what a line gains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.law import Axis, Features
+
+KNOTS, MAP_KNOTS = 12, 6
+SMOOTH = (0.4, 0.12)
+"""Lengths over which a curve keeps its value, as shares of the column's range."""
+MAP_SMOOTH = 0.4
+PERIODS = (2, 3, 4, 6, 8, 16)
+MOST_LEVELS = 40
+PRICE_ONE, PRICE_TWO, PRICE_CURVE, PRICE_PRODUCT = 6.0, 9.0, 7.0, 3.0
+"""Log-likelihood that a term must earn for having been chosen: one function, a wave, a curve, each factor more."""
+UNLIKELY = {"time_s": 2.5, "step": 2.5, "set_temperature_c": 1.0}
+"""Further price of columns that tell of unseen conditions less than a physical one that fits as well."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Basis:
+    """A candidate term of a law.
+
+    Attributes:
+        axes: factors; those that stand for several functions (`curve`, `table`) have no values yet.
+        prior: covariance of the coefficients up to its width, None for one free coefficient each.
+        price: what it must earn.
+        waves: products of axes with one free coefficient each, instead of `axes`.
+    """
+
+    axes: tuple[Axis, ...] = ()
+    prior: FloatArray | None = None
+    price: float = PRICE_ONE
+    waves: tuple[tuple[Axis, ...], ...] = ()
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns on which it depends."""
+        return tuple(dict.fromkeys(a.column for product in (self.axes, *self.waves) for a in product if a.column))
+
+    def vectors(self, features: Features) -> FloatArray:
+        """The functions on rows, shape (k, n)."""
+        if self.waves:
+            return np.stack([_product(product, features) for product in self.waves])
+        total: FloatArray | None = None
+        for axis in self.axes:
+            here = members(axis, features[axis.column]) if axis.is_open else axis(features)[None, :]
+            total = here if total is None else (total[:, None, :] * here[None, :, :]).reshape(-1, here.shape[1])
+        assert total is not None
+        return total
+
+    def closed(self, values: FloatArray) -> list[tuple[tuple[Axis, ...], float]]:
+        """Products of axes and their coefficients that say what the fitted coefficients say."""
+        if self.waves:
+            return [(product, float(v)) for product, v in zip(self.waves, values, strict=True)]
+        places = [k for k, axis in enumerate(self.axes) if axis.is_open]
+        if not places:
+            return [(self.axes, float(values[0]))]
+        if len(places) == 1:
+            axes = list(self.axes)
+            axes[places[0]] = replace(axes[places[0]], values=tuple(float(v) for v in values))
+            return [(tuple(axes), 1.0)]
+        first, second = (self.axes[k] for k in places)
+        left, size, right = np.linalg.svd(values.reshape(first.count, second.count))
+        rest = tuple(a for k, a in enumerate(self.axes) if k not in places)
+        kept = [k for k in range(len(size)) if size[k] > 0.05 * size[0]]
+        return [
+            (
+                (
+                    replace(first, values=tuple(float(v) for v in left[:, k] * size[k])),
+                    replace(second, values=tuple(float(v) for v in right[k])),
+                    *rest,
+                ),
+                1.0,
+            )
+            for k in kept
+        ]
+
+
+def _product(axes: tuple[Axis, ...], features: Features) -> FloatArray:
+    total = axes[0](features)
+    for axis in axes[1:]:
+        total = total * axis(features)
+    return total
+
+
+def members(axis: Axis, x: FloatArray) -> FloatArray:
+    """The functions that an open axis stands for, shape (count, n): hats of a curve, bins of a table."""
+    found = np.zeros((axis.count, len(x)))
+    good = np.isfinite(x)
+    if axis.kind == "table":
+        code = axis.bin_of(x)
+        found[code[good], np.flatnonzero(good)] = 1.0
+        return found
+    knots = np.asarray(axis.edges)
+    place = np.clip(x[good], knots[0], knots[-1])
+    left = np.clip(np.searchsorted(knots, place, side="right") - 1, 0, len(knots) - 2)
+    share = (place - knots[left]) / (knots[left + 1] - knots[left])
+    rows = np.flatnonzero(good)
+    found[left, rows] = 1.0 - share
+    found[left + 1, rows] = share
+    return found
+
+
+def curve_axis(name: str, values: FloatArray, knots: int) -> Axis | None:
+    """An open curve over a column, None where it has too few values."""
+    finite = values[np.isfinite(values)]
+    levels = np.unique(finite)
+    if len(levels) < 4:
+        return None
+    if len(levels) <= knots:
+        places = levels
+    else:
+        even = np.linspace(0.0, 1.0, knots)
+        by_rank = np.quantile(finite, even)
+        places = np.unique(0.5 * (by_rank + by_rank[0] + (by_rank[-1] - by_rank[0]) * even))
+    if len(places) < 4 or not np.all(np.diff(places) > 0):
+        return None
+    return Axis(
+        column=name, kind="curve", middle=float(places.mean()), width=float(np.ptp(places)),
+        edges=tuple(float(x) for x in places),
+    )  # fmt: skip
+
+
+def smooth_prior(axis: Axis, length: float) -> FloatArray:
+    """Covariance of a curve's knots: a Gaussian kernel over a share of the range."""
+    place = (np.asarray(axis.edges) - axis.edges[0]) / (axis.edges[-1] - axis.edges[0])
+    gap = place[:, None] - place[None, :]
+    return np.asarray(np.exp(-0.5 * (gap / length) ** 2) + 1e-4 * np.eye(len(place)))
+
+
+def curves_of(axis: Axis, price: float) -> Iterator[Basis]:
+    """Curves of two smoothnesses."""
+    for length in SMOOTH if len(axis.edges) > 5 else SMOOTH[:1]:
+        yield Basis(axes=(axis,), prior=smooth_prior(axis, length), price=price)
+
+
+def tables_of(name: str, values: FloatArray, *, category: bool) -> Iterator[Axis]:
+    """Open tables over a column with levels of its own, or over its remainders."""
+    finite = values[np.isfinite(values)]
+    levels = np.unique(finite)
+    whole = bool(np.all(levels == np.round(levels)))
+    few = category or (whole and len(levels) <= MOST_LEVELS) or len(levels) <= 8
+    if few and len(levels) >= (2 if category else 3):
+        yield Axis(column=name, kind="table", edges=tuple(float(x) for x in (levels[1:] + levels[:-1]) / 2.0))
+    if name in {"pixel_u", "pixel_v"}:
+        for period in PERIODS:
+            if len(levels) > period:
+                yield Axis(
+                    column=name, kind="table", at=float(period), edges=tuple(k + 0.5 for k in range(period - 1))
+                )
+
+
+def map_of(first: Axis, second: Axis, price: float) -> Basis:
+    """A smooth map over two columns."""
+    prior: FloatArray = np.kron(smooth_prior(first, MAP_SMOOTH), smooth_prior(second, MAP_SMOOTH)).astype(np.float64)
+    return Basis(axes=(first, second), prior=prior, price=price)
+
+
+def waves_of(first: str, turns: float, second: str = "", more: float = 0.0) -> tuple[tuple[Axis, ...], ...]:
+    """Sine and cosine of 2π(first·turns + second·more) as products of axes."""
+
+    def wave(kind: str, name: str, frequency: float) -> Axis:
+        return Axis(column=name, kind=kind, at=1.0 / frequency)
+
+    if not second or more == 0.0:
+        return ((wave("sin", first, turns),), (wave("cos", first, turns),))
+    if turns == 0.0:
+        return ((wave("sin", second, more),), (wave("cos", second, more),))
+    return tuple(
+        (wave(a, first, turns), wave(b, second, more))
+        for a, b in (("sin", "cos"), ("cos", "sin"), ("cos", "cos"), ("sin", "sin"))
+    )
+
+
+def price_of(columns: tuple[str, ...]) -> float:
+    """Further price for columns that hardly generalise."""
+    return sum(UNLIKELY.get(c, 4.0 if c.startswith("~") else 0.0) for c in set(columns))

@@ -1,0 +1,188 @@
+"""Candidates for a law: functions of every column alone, and of the leading ones in pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.law import Axis, axes_of
+from arl_fixtures.reconcile.law_basis import (
+    KNOTS,
+    MAP_KNOTS,
+    PRICE_CURVE,
+    PRICE_ONE,
+    PRICE_PRODUCT,
+    PRICE_TWO,
+    Basis,
+    curve_axis,
+    curves_of,
+    map_of,
+    price_of,
+    tables_of,
+    waves_of,
+)
+from arl_fixtures.reconcile.law_work import Candidate, Work, evidence
+from arl_fixtures.reconcile.pilot import Looker
+from arl_fixtures.reconcile.roles import Role
+
+MOST_LEADING = 7
+
+
+def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> list[Candidate]:
+    """Candidates: every column alone; the leading ones also in pairs."""
+    view = looker.problem.view
+    signal = _signal(work)
+    pool: list[Candidate] = []
+    ranked: dict[str, float] = {}
+    simple: dict[str, list[Candidate]] = {}
+    for name, values in work.features.items():
+        category = not name.startswith(("~", "sim_")) and view.is_category(name)
+        labels = view.labels(name) if category else ()
+        extra = price_of((name,))
+        bases = [
+            Basis(axes=(axis,), price=PRICE_ONE + extra)
+            for axis in axes_of(name, values, labels)
+            if axis.kind not in {"sin", "cos"}
+        ]
+        bases += [
+            Basis(axes=(axis,), prior=np.eye(axis.count), price=PRICE_CURVE + extra)
+            for axis in tables_of(name, values, category=category)
+        ]
+        if not category:
+            curve = curve_axis(name, values, KNOTS)
+            bases += list(curves_of(curve, PRICE_CURVE + extra)) if curve else []
+            wave = _best_wave(work, name)
+            bases += [Basis(waves=waves_of(name, wave), price=PRICE_TWO + extra)] if wave else []
+        made = [work.candidate(b) for b in bases]
+        for item in made:
+            gain, _ = evidence(item.gram, item.vectors @ work.residual, item.basis.prior)
+            item.gain = gain - item.basis.price
+        pool += made
+        ranked[name] = max((item.gain for item in made), default=0.0)
+        simple[name] = sorted((m for m in made if m.basis.prior is None and not m.basis.waves), key=lambda m: -m.gain)
+    if not work.data.calibrated:
+        pool.append(work.candidate(Basis(axes=(Axis(column="", kind="one"),), price=2.0)))
+    names = list(dict.fromkeys([*leading, *sorted(ranked, key=lambda n: -ranked[n])[:3]]))[:MOST_LEADING]
+    if signal is not None:  # what is added, not multiplied
+        for item in [m for n in names for m in pool if m.basis.columns == (n,) and not m.basis.waves][:80]:
+            axes = (*item.basis.axes, signal)
+            pool.append(work.candidate(Basis(axes=axes, prior=item.basis.prior, price=item.basis.price + 1.0)))
+    pool += [work.candidate(b) for b in _pairs(work, looker, names, simple)]
+    return pool
+
+
+def _signal(work: Work) -> Axis | None:
+    """One over the simulated signal: turns a share of it into an amount."""
+    name = f"sim_{work.data.channel.name}"
+    if work.data.channel.role is not Role.INTENSITY or name not in work.features:
+        return None
+    values = work.features[name]
+    low, high = float(np.quantile(values, 0.02)), float(np.quantile(values, 0.98))
+    if low <= 0 or high < 1.3 * low:
+        return None
+    middle = 0.5 * (low + high)
+    return Axis(column=name, kind="inverse", middle=middle, width=high - low)
+
+
+def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, list[Candidate]]) -> Iterator[Basis]:
+    view = looker.problem.view
+    for i, first in enumerate(names):
+        for second in names[i + 1 :]:
+            price = price_of((first, second)) + PRICE_ONE + PRICE_PRODUCT
+            for a in _varied(simple.get(first, [])):
+                for b in _varied(simple.get(second, [])):
+                    yield Basis(axes=(*a.basis.axes, *b.basis.axes), price=price)
+            for one, other in ((first, second), (second, first)):
+                values = work.features[other]
+                category = not other.startswith(("~", "sim_")) and view.is_category(other)
+                line = next((m.basis.axes[0] for m in simple.get(one, []) if m.basis.axes[0].kind == "linear"), None)
+                marks = [m.basis.axes[0] for m in simple.get(one, []) if m.basis.axes[0].kind == "is"]
+                curve = None if category else curve_axis(other, values, KNOTS)
+                for factor in [*([line] if line else []), *marks[:6]]:
+                    for table in tables_of(other, values, category=category):
+                        yield Basis(axes=(table, factor), prior=np.eye(table.count), price=price + 1.0)
+                    if curve:
+                        yield from (
+                            Basis(axes=(b.axes[0], factor), prior=b.prior, price=price + 1.0)
+                            for b in curves_of(curve, 0.0)
+                        )
+            one_map, other_map = (curve_axis(n, work.features[n], MAP_KNOTS) for n in (first, second))
+            if one_map and other_map and not (view.is_category(first) or view.is_category(second)):
+                yield map_of(one_map, other_map, price + 2.0)
+                turns = _best_pair_wave(work, first, second)
+                if turns is not None:
+                    yield Basis(waves=waves_of(first, turns[0], second, turns[1]), price=price + 4.0)
+
+
+def _varied(ranked: Sequence[Candidate], most: int = 4) -> list[Candidate]:
+    """Strongest functions of a column, one of a kind, the line always among them."""
+    kinds: set[str] = set()
+    kept: list[Candidate] = []
+    for item in ranked:
+        kind = item.basis.axes[0].kind
+        if (kind not in kinds or kind == "is") and (len(kept) < most or kind in {"linear", "parity"}):
+            kinds.add(kind)
+            kept.append(item)
+    return kept
+
+
+def _best_wave(work: Work, name: str) -> float | None:
+    """Turns per unit of a column at which the residual swings most, None for columns with few values."""
+    x = work.features[name]
+    good = np.isfinite(x)
+    levels, code = np.unique(x[good], return_inverse=True)
+    if len(levels) < 8 or not good.any():
+        return None
+    span = float(levels[-1] - levels[0])
+    most = min(len(levels) / 3.0, 24.0)
+    frequencies: FloatArray = np.arange(0.5, most, 0.125, dtype=np.float64) / span
+    direction = (work.scale * work.data.root_weight[work.pick])[good]
+    score: FloatArray = np.bincount(code, direction * work.residual[good]).astype(np.float64)
+    weight: FloatArray = np.bincount(code, direction**2).astype(np.float64)
+    return float(frequencies[_strongest(levels, score, weight, frequencies)])
+
+
+def _strongest(levels: FloatArray, score: FloatArray, weight: FloatArray, frequencies: FloatArray) -> int:
+    """Frequency with the largest drop of the weighted sum of squares, sine and cosine beside a constant."""
+    best, place = -np.inf, 0
+    root = np.sqrt(np.maximum(weight, 1e-300))
+    for k, f in enumerate(frequencies):
+        phase = 2.0 * np.pi * f * levels
+        design = np.stack([np.ones(len(levels)), np.sin(phase), np.cos(phase)], axis=1) * root[:, None]
+        push = design.T @ (score / root)
+        gain = float(push @ np.linalg.lstsq(design.T @ design, push, rcond=1e-9)[0])
+        if gain > best:
+            best, place = gain, k
+    return place
+
+
+def _best_pair_wave(work: Work, first: str, second: str) -> tuple[float, float] | None:
+    """Turns per unit of two columns at which a wave over both is strongest, from a periodogram of cells."""
+    x, y = work.features[first], work.features[second]
+    good = np.isfinite(x) & np.isfinite(y)
+    cells = []
+    for values in (x[good], y[good]):
+        levels = np.unique(values)
+        if len(levels) < 6:
+            return None
+        if len(levels) > 48:
+            cuts = np.linspace(levels[0], levels[-1], 49)
+            code = np.clip(np.searchsorted(cuts, values, side="right") - 1, 0, 47)
+            cells.append((0.5 * (cuts[1:] + cuts[:-1]), code))
+        else:
+            cells.append((levels, np.searchsorted(levels, values)))
+    (a, code_a), (b, code_b) = cells
+    direction = (work.scale * work.data.root_weight[work.pick])[good]
+    flat = code_a * len(b) + code_b
+    score = np.bincount(flat, direction * work.residual[good], minlength=len(a) * len(b)).reshape(len(a), len(b))
+    span_a, span_b = float(a[-1] - a[0]), float(b[-1] - b[0])
+    turns_a = np.arange(0.0, min(len(a) / 3.0, 8.0), 0.125) / span_a
+    high = min(len(b) / 2.0, 16.0)
+    turns_b = np.arange(-high, high, 0.125) / span_b
+    power = np.abs(np.exp(2j * np.pi * np.outer(turns_a, a)) @ score @ np.exp(2j * np.pi * np.outer(b, turns_b))) ** 2
+    power[turns_a * span_a < 0.3, :] = 0.0
+    power[:, np.abs(turns_b * span_b) < 0.3] = 0.0
+    i, j = np.unravel_index(int(np.argmax(power)), power.shape)
+    return (float(turns_a[i]), float(turns_b[j])) if power[i, j] > 0 else None

@@ -1,0 +1,206 @@
+"""Find an empirical law: terms enter one by one while unseen blocks gain, simple ones before exact ones.
+
+All candidates are judged by the same measure: the marginal likelihood of the whitened residual with the width of the
+candidate's coefficients at its best, less a price for having been chosen among so many. A line, a curve and a map
+thus compete on equal terms. What is accepted is fitted jointly, and every term must predict blocks that took no part
+in its fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from arl_fixtures.reconcile.boosting import Binned, Boosted, bin_columns
+from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.law import Law, LawTerm
+from arl_fixtures.reconcile.law_basis import Basis
+from arl_fixtures.reconcile.law_pool import pool_of
+from arl_fixtures.reconcile.law_work import MOST_ROWS, Candidate, Work, evidence
+from arl_fixtures.reconcile.pilot import Looker, Structure
+from arl_fixtures.reconcile.problem import ChannelData
+from arl_fixtures.reconcile.roles import Role
+
+MOST_TERMS = 5
+MOST_PASSES = 3
+CLOSE, CLOSE_SHARE = 2.0, 0.03
+"""Of candidates that differ by less (log-likelihood, or share of the best) the simplest is taken."""
+LEAST_GAIN = 1.0
+"""Log-likelihood that a further term must gain on unseen blocks."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Chosen:
+    """Terms in the law, with their joint fit.
+
+    Attributes:
+        held: log-likelihood gained on unseen blocks.
+        z: its significance over blocks.
+        left: whitened residual; freedom: parameters that the fit used up, and what their choice is worth.
+    """
+
+    terms: list[Candidate] = field(default_factory=list)
+    values: list[FloatArray] = field(default_factory=list)
+    errors: list[FloatArray] = field(default_factory=list)
+    held: float = 0.0
+    z: float = 0.0
+    left: FloatArray = field(default_factory=lambda: np.zeros(0))
+    freedom: float = 0.0
+
+
+def find_terms(work: Work, pool: Sequence[Candidate]) -> Chosen:
+    """Forward selection from a pool; the joint fit and what unseen blocks say of it."""
+    chosen = Chosen(left=work.residual)
+    tried: set[int] = set()
+    while len(chosen.terms) < MOST_TERMS:
+        offers: list[tuple[float, int]] = []
+        for k, item in enumerate(pool):
+            if k in tried:
+                continue
+            gain, width = evidence(item.gram, item.vectors @ chosen.left, item.basis.prior)
+            item.gain, item.width = gain - item.basis.price, width
+            if item.gain > 0:
+                offers.append((item.gain, k))
+        if not offers:
+            break
+        best = max(offers)[0]
+        near = [k for gain, k in offers if gain > best - max(CLOSE, CLOSE_SHARE * best)]
+        accepted = None
+        for k in sorted(near, key=lambda k: (_complexity(pool[k].basis), -pool[k].gain))[:4]:
+            tried.add(k)
+            trial = joint(work, [*chosen.terms, pool[k]])
+            if trial.held > chosen.held + LEAST_GAIN:
+                accepted = trial
+                break
+        if accepted is None:
+            break
+        chosen = accepted
+    return chosen
+
+
+def _complexity(basis: Basis) -> int:
+    if basis.waves:
+        return 1 + len(basis.waves)
+    places = sum(axis.is_open for axis in basis.axes)
+    plain = sum(axis.kind not in {"linear", "is", "parity", "inverse"} for axis in basis.axes)
+    return 4 * places + plain + len(basis.axes)
+
+
+def joint(work: Work, terms: list[Candidate]) -> Chosen:
+    """Fit terms together with their widths, and let every fold be predicted by the others."""
+    vectors = np.concatenate([t.vectors for t in terms])
+    size = len(vectors)
+    precision = np.zeros((size, size))
+    start = 0
+    for t in terms:
+        k = len(t.vectors)
+        if t.basis.prior is not None and t.width > 0:
+            precision[start : start + k, start : start + k] = np.linalg.inv(t.basis.prior + 1e-9 * np.eye(k)) / (
+                t.width**2
+            )
+        start += k
+    gram, score = vectors @ vectors.T, vectors @ work.residual
+    ridge = 1e-9 * max(float(np.trace(gram)) / size, 1e-300) * np.eye(size)
+    inverse = np.linalg.inv(gram + precision + ridge)
+    values = inverse @ score
+    predicted = np.zeros(len(work.residual))
+    for k in np.unique(work.fold):
+        test = work.fold == k
+        inside = vectors[:, test]
+        part = gram - inside @ inside.T
+        rest = score - inside @ work.residual[test]
+        predicted[test] = np.linalg.solve(part + precision + ridge, rest) @ inside
+    gains = np.bincount(work.block, 0.5 * (work.residual**2 - (work.residual - predicted) ** 2))
+    spread = float(np.sqrt(np.sum((gains - gains.mean()) ** 2)))
+    split = np.cumsum([len(t.vectors) for t in terms])[:-1]
+    errors = np.sqrt(np.maximum(np.diag(inverse), 0.0))
+    return Chosen(
+        terms=terms, values=np.split(values, split), errors=np.split(errors, split), held=float(gains.sum()),
+        z=float(gains.sum()) / spread if spread > 0 else 0.0, left=work.residual - values @ vectors,
+        freedom=float(np.trace(inverse @ gram)) + sum(t.basis.price for t in terms),
+    )  # fmt: skip
+
+
+def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequence[str]) -> tuple[Law, Chosen]:
+    """Law of a channel's residual; empty where nothing predicts unseen blocks.
+
+    What pixels, stage angles or images seem to share by chance may be the law itself: the first search takes them as
+    sharing nothing, and relies on unseen steps alone; the next work with the scatters that the law before leaves.
+    """
+    leading = [n for n in leading if n in looker.features]
+    tau = {**data.tau, "pixel": 0.0, "angle": 0.0, "frame": 0.0}
+    law, chosen = law_of(Chosen(), data), Chosen()
+    for _ in range(MOST_PASSES):
+        work = Work(data, state, looker.features, tau)
+        found = find_terms(work, pool_of(work, looker, leading))
+        if found.held < 1.05 * chosen.held or not found.terms:
+            break
+        law, chosen = law_of(found, data), found
+        corrected = state[data.channel.name] + law.correction(looker.features, state[data.channel.name])
+        _, tau = data.fit_scatter(data.measured - data.expect * corrected[data.use])
+    if not chosen.terms:
+        return law, chosen
+    work = Work(data, state, looker.features, tau)
+    final = confirm(work, [t.basis for t in chosen.terms])
+    return law_of(final, data), final
+
+
+def confirm(work: Work, bases: Sequence[Basis]) -> Chosen:
+    """The joint fit of bases under the work's noise, each with the evidence that it had beside those before it."""
+    fitted = Chosen(left=work.residual)
+    for basis in bases:
+        item = work.candidate(basis)
+        gain, item.width = evidence(item.gram, item.vectors @ fitted.left, basis.prior)
+        item.gain = gain - basis.price
+        fitted = joint(work, [*fitted.terms, item])
+    return fitted
+
+
+def law_of(chosen: Chosen, data: ChannelData) -> Law:
+    """The law that chosen terms make, the one that changes most first."""
+    power = [float(np.sum((v @ t.vectors) ** 2)) for t, v in zip(chosen.terms, chosen.values, strict=True)]
+    terms: list[LawTerm] = []
+    drivers: list[str] = []
+    for k in np.argsort([-p for p in power], kind="stable"):
+        item, values, errors = chosen.terms[k], chosen.values[k], chosen.errors[k]
+        if item.basis.prior is None and not item.basis.waves:  # the chosen are the lucky ones
+            values = values * np.maximum(1.0 - (errors / np.where(values == 0, 1.0, values)) ** 2, 0.0)
+        share = float(np.sqrt(np.mean(errors**2) / max(float(np.mean(values**2)), 1e-300)))
+        for axes, value in item.basis.closed(values):
+            single = item.basis.prior is None
+            terms.append(LawTerm(axes=axes, value=value, error=float(errors[0]) if single else min(share, 10.0)))
+        drivers += [c for c in _ordered(item.basis) if c not in drivers]
+    relative = data.channel.role in {Role.INTENSITY, Role.SCATTER}
+    ratio = max(len(data.use) / MOST_ROWS, 1.0)
+    return Law(
+        channel=data.channel.name, relative=relative, terms=terms, drivers=drivers, law_gain=chosen.held * ratio,
+        gain=chosen.held * ratio,
+    )  # fmt: skip
+
+
+def _ordered(basis: Basis) -> list[str]:
+    """Columns of a basis; that which only turns a share into an amount last."""
+    last = [a.column for a in basis.axes if a.kind == "inverse"]
+    return [c for c in basis.columns if c not in last] + last
+
+
+def add_trees(law: Law, looker: Looker, data: ChannelData, state: State, structure: Structure) -> None:
+    """Keep boosted trees beside the law where unseen blocks gain clearly."""
+    after = dict(state)
+    after[law.channel] = state[law.channel] + law.correction(looker.features, state[law.channel])
+    rest = looker.look(data, after)
+    if not (rest.z > 3.0 and rest.gain > 0.1 * max(structure.gain, 1.0) and rest.gain > 12.0):
+        return
+    rows = looker.rows_of(data)
+    target, weight = looker.target_of(data, after, rows)
+    order = sorted(rest.ceiling.importance.items(), key=lambda kv: -kv[1])
+    names = tuple(n for n, share in order if share > 0.02)[:8]
+    binned: Binned = bin_columns({n: looker.features[n][data.use[rows]] for n in names})
+    model = Boosted()
+    model.fit(binned.codes, target, weight, trees=40)
+    law.trees, law.binned_names, law.edges, law.rate = model.trees, binned.names, binned.edges, model.rate
+    law.gain += rest.gain
+    law.drivers = law.drivers or list(names[:3])

@@ -1,0 +1,102 @@
+"""A channel's rows as the search for a law sees them: a part of them, whitened, without what calibration explains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.law import Features
+from arl_fixtures.reconcile.law_basis import Basis
+from arl_fixtures.reconcile.noise import Level, Whitener
+from arl_fixtures.reconcile.problem import ChannelData
+from arl_fixtures.reconcile.roles import Role
+
+MOST_ROWS = 6_000
+
+
+@dataclass(slots=True, kw_only=True)
+class Candidate:
+    """A basis on the rows at work: whitened vectors, their sums per fold, and what it would gain."""
+
+    basis: Basis
+    vectors: FloatArray
+    gram: FloatArray
+    gain: float = 0.0
+    width: float = 1.0
+
+
+class Work:
+    """A part of a channel's rows, whitened by the channel's noise.
+
+    Args:
+        data: the channel; state: corrected simulation that its residual is taken from.
+        features: columns on the view's rows.
+        tau: scatters that groups share.
+    """
+
+    def __init__(self, data: ChannelData, state: State, features: Features, tau: dict[str, float]) -> None:
+        n = len(data.use)
+        pick = np.arange(n)
+        if n > MOST_ROWS:  # not every k-th: a stride would alias with the image's rows
+            pick = np.sort(np.random.default_rng(n).choice(n, size=MOST_ROWS, replace=False))
+        self.data, self.pick = data, pick
+        self.features: Features = {name: values[data.use[pick]] for name, values in features.items()}
+        levels = tuple(_part(level, pick) for level in data.levels)
+        self._whitener = Whitener(data.root_weight[pick], levels, tau)
+        self.unit = np.unique(data.unit[pick], return_inverse=True)[1]
+        relative = data.channel.role in {Role.INTENSITY, Role.SCATTER}
+        sim = state[data.channel.name][data.use[pick]]
+        self.scale = data.expect[pick] * (sim if relative else np.ones(len(pick)))
+        self._constant = self._whitener(data.scale[pick]) if data.calibrated else None
+        self.residual = self.whiten(data.residual(state)[pick])
+        self.fold, self.block = data.fold[pick], np.unique(data.block[pick], return_inverse=True)[1]
+
+    def whiten(self, x: FloatArray) -> FloatArray:
+        """Whitened vector without what a constant per unit explains."""
+        z = self._whitener(x)
+        if self._constant is not None:
+            count = int(self.unit.max()) + 1
+            power = np.maximum(np.bincount(self.unit, self._constant**2, minlength=count), 1e-300)
+            share = np.bincount(self.unit, self._constant * z, minlength=count) / power
+            z = z - self._constant * share[self.unit]
+        return np.asarray(z)
+
+    def candidate(self, basis: Basis) -> Candidate:
+        """A basis on these rows."""
+        vectors = basis.vectors(self.features) * self.scale
+        white = np.stack([self.whiten(v) for v in vectors])
+        # what calibration explains must not come back as a difference of large numbers
+        power = np.einsum("kn,kn->k", white, white)
+        before = np.sum((vectors * self.data.root_weight[self.pick]) ** 2, axis=1)
+        white[power < 1e-6 * before] = 0.0
+        return Candidate(basis=basis, vectors=white, gram=white @ white.T)
+
+
+def _part(level: Level, pick: IntArray) -> Level:
+    present, code = np.unique(level.code[pick], return_inverse=True)
+    return Level(
+        name=level.name, code=code.astype(np.int64), count=len(present), scale=level.scale[pick], floor=level.floor,
+        declared=level.declared,
+    )  # fmt: skip
+
+
+def evidence(gram: FloatArray, score: FloatArray, prior: FloatArray | None) -> tuple[float, float]:
+    """Gain of marginal likelihood of coefficients with a prior covariance at its best width, and that width."""
+    if prior is None:
+        power = np.diag(gram)
+        if not np.all(power > 1e-9):
+            return 0.0, 0.0
+        return 0.5 * float(score @ np.linalg.lstsq(gram, score, rcond=1e-10)[0]), np.inf
+    root = np.linalg.cholesky(prior + 1e-9 * np.eye(len(prior)))
+    size, turn = np.linalg.eigh(root.T @ gram @ root)
+    size = np.maximum(size, 0.0)
+    if size[-1] <= 1e-9:
+        return 0.0, 0.0
+    push = (turn.T @ (root.T @ score)) ** 2
+    widths = np.geomspace(0.1 / size[-1], 1e4 / size[-1], 26)[:, None]
+    gains = 0.5 * np.sum(widths * push / (1.0 + widths * size) - np.log1p(widths * size), axis=1)
+    best = int(np.argmax(gains))
+    return float(max(gains[best], 0.0)), float(np.sqrt(widths[best, 0]))
