@@ -17,6 +17,7 @@ from arl_fixtures.bench.sweep import sweep
 from arl_fixtures.devices.dut_status import DutError
 from arl_fixtures.metrics.conditions import Conditions
 from arl_fixtures.metrics.geometry import GeometryCache
+from arl_fixtures.metrics.instruments import expired_instruments
 from arl_fixtures.metrics.judge import Judgement, judge, overall
 from arl_fixtures.metrics.limits import LimitSet
 from arl_fixtures.metrics.reference import Reference
@@ -137,6 +138,7 @@ class StepRunner:
         settle = bench.settle(step.set_temperature_c, progress=listener.settling)
         if not settle.settled:
             return self._not_settled(step, attempt, settle)
+        expired = expired_instruments(bench.config.calibrations, bench.clock.utc_ns())
         readings: list[BenchReading] = []
         with _observing(bench, listener.soaking):
             bench.soak(self.profile.soak_s)
@@ -164,6 +166,7 @@ class StepRunner:
             set_temperature_c=step.set_temperature_c,
             ramp=step.ramp,
             settled=True,
+            expired=expired,
             temperatures_c=temperatures,
         )
         steps = self.step_data(statistics, conditions, expected_angles=self.angle_count(step), lost=lost)
