@@ -84,6 +84,12 @@ class Laboratory:
         finally:
             onlooker.close()
 
+    def inject(self, fault: str) -> None:
+        """Let a fault happen."""
+        onlooker = LabClient.connect(self.socket, "onlooker", role="onlooker")
+        onlooker.inject(fault)
+        onlooker.close()
+
     def over(self) -> str:
         """Why a session ended early the last time, in its own words."""
         file = self.runtime / "over"

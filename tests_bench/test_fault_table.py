@@ -66,6 +66,7 @@ REACTIONS: dict[tuple[str, FaultKind], str] = {
     ("dut", FaultKind.REORDERED_ROWS): "retries",
     ("dut", FaultKind.CORRUPTED_ROWS): "rows masked",
     ("bench", FaultKind.CLOCK_JUMP): "retries",
+    ("dut", FaultKind.CLOCK_JUMP): "retries",
 }
 
 

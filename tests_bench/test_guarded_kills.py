@@ -14,6 +14,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -205,6 +206,26 @@ def pause(wall_s: float) -> None:
 def test_whoever_dies_the_bench_is_safe_and_the_cycle_becomes_whole(stand: Stand, seed: int) -> None:
     """A sample: each choice of victims at a bench time, two on the wall clock, one in a call to the disk."""
     trial(stand, seed)
+
+
+def test_the_hosts_clock_may_jump_within_a_session_and_between_two(stand: Stand) -> None:
+    """Under way UTC goes on as it was; the next session begins a day earlier, and the cycle is the same."""
+    files, room = stand.rooms()
+    middle_s = 0.6 * stand.bench_s
+    with laboratory(room, files, [Kill(middle_s, ("test",))]) as lab:
+        lab.inject(f"bench:clock_jump@{0.3 * stand.bench_s}=-86400")
+        each = Trial(stand, files, lab, random.Random(0))
+        assert not each.session(mode="planned", victims="", program=False)
+        assert each.session(mode="planned", victims="", program=False)
+    record = read_journal(journals(files.options.out)[-1])
+    steps_s = [
+        (after.utc_ns - before.utc_ns) * 1e-9 - (after.time_s - before.time_s)
+        for before, after in pairwise(record.lines)
+    ]
+    (jump,) = [number for number, step_s in enumerate(steps_s, start=1) if abs(step_s) > 1e-3]
+    assert record.lines[jump].entry.type == "session_resume"
+    assert steps_s[jump - 1] == pytest.approx(-86400.0, abs=1e-3)
+    check_equal(stand.whole, record, untouched=set())
 
 
 @pytest.mark.slow

@@ -16,7 +16,8 @@ from arl_fixtures.bench.profile import CycleStep
 from arl_fixtures.devices.interfaces import Chiller, Relays, Stage, Thermometer
 from arl_fixtures.devices.port import Clock, DatagramPort, StreamPort
 from arl_fixtures.emulators.device import DatagramDevice
-from arl_fixtures.emulators.faults import FaultBook
+from arl_fixtures.emulators.fault_kinds import FaultKind
+from arl_fixtures.emulators.faults import Fault, FaultBook
 from arl_fixtures.emulators.faulty_wire import FaultyWire
 from arl_fixtures.emulators.plant import Plant
 from arl_fixtures.errors import ArlError, ConfigError, DeviceError
@@ -71,6 +72,7 @@ class Emulated:
         self.network = VirtualNetwork(self.duts, clock)
         self._lines = {kind: make_line(config, kind, self.plant) for kind in CONTROL_LINES}
         self._cycle = -1
+        self.plant.attach("bench", self._on_fault)
 
     def port(self, kind: Kind) -> VirtualStreamPort:
         """A port to one of the control lines."""
@@ -88,6 +90,11 @@ class Emulated:
                     dut.enter_cycle(step.cycle, self.clock.now_s)
                 dut.enter_step(step.index, set_temperature_c=step.set_temperature_c, ramp=step.ramp)
         self._cycle = step.cycle
+
+    def _on_fault(self, fault: Fault, begins: bool, _time_s: float) -> None:
+        """The host's wall clock is set, and set right again when the fault is over."""
+        if fault.kind is FaultKind.CLOCK_JUMP and fault.device == "bench":
+            self.clock.jump_host(fault.amount if begins else -fault.amount)
 
 
 def make_line(config: BenchConfig, kind: Kind, plant: Plant) -> FaultyWire:

@@ -56,7 +56,7 @@ class VirtualClock:
 
     def __init__(self, *, epoch_ns: int = VIRTUAL_EPOCH_NS, start_s: float = 0.0) -> None:
         self._now_s = start_s
-        self._epoch_ns = epoch_ns
+        self._epoch_ns = self._host_epoch_ns = epoch_ns
         self._events: list[tuple[float, int, Callable[[], None]]] = []
         self._order = itertools.count()
 
@@ -66,8 +66,17 @@ class VirtualClock:
         return self._now_s
 
     def utc_ns(self) -> int:
-        """Virtual UTC."""
+        """Virtual UTC: never jumps, as that of a `RealClock`."""
         return self._epoch_ns + round(self._now_s * 1e9)
+
+    @property
+    def host_epoch_ns(self) -> int:
+        """The host's UTC at `now_s` = 0, as a bench clock that is made now takes it."""
+        return self._host_epoch_ns
+
+    def jump_host(self, jump_s: float) -> None:
+        """Somebody sets the host's wall clock; clocks that are there already go on as before."""
+        self._host_epoch_ns += round(jump_s * 1e9)
 
     @property
     def next_event_s(self) -> float:

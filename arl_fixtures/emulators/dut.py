@@ -239,7 +239,7 @@ class DutEmulator:
         intensity, codes, flags = self._pixels
         return self._encoder.encode(
             frame_number=count,
-            timestamp=round((exposure_s - self._powered_s()) / self._wire.timestamp_step_s),
+            timestamp=round(self._own_time_s(exposure_s) / self._wire.timestamp_step_s),
             intensity_counts=intensity,
             range_codes=codes,
             flags=flags,
@@ -295,7 +295,7 @@ class DutEmulator:
             OperatingRecord(
                 serial=self._dut.serial,
                 frame_counter=count,
-                timestamp_us=round((packet_s - self._powered_s()) * TICKS_PER_S),
+                timestamp_us=round(self._own_time_s(packet_s) * TICKS_PER_S),
                 values=values,
             )
         )
@@ -344,6 +344,12 @@ class DutEmulator:
         restarts = (fault.kind is FaultKind.RESET and begins) or (fault.kind is FaultKind.BROWN_OUT and not begins)
         if restarts:
             self._restart_s = time_s
+    def _own_time_s(self, time_s: float) -> float:
+        """What its own clock says, which counts from its start."""
+        jumped = self._plant.faults.active(self._name, FaultKind.CLOCK_JUMP, time_s)
+        jump_s = 0.0 if jumped is None or jumped.role != "dut" else jumped.amount
+        return time_s - self._powered_s() + jump_s
+
             self._last = None
 
 

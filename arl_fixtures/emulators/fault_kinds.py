@@ -164,7 +164,10 @@ FAULT_KINDS: Final[Mapping[FaultKind, KindInfo]] = MappingProxyType(
             devices=_DUT, effect="Rows carry wrong bytes.", value="share of rows", default=0.05
         ),
         FaultKind.CLOCK_JUMP: KindInfo(
-            devices=frozenset({"bench"}), effect="The host's wall clock jumps.", value="jump, s", default=3600.0
+            devices=frozenset({"bench", "dut"}),
+            effect="`bench`: the host's wall clock is set; `dut`: its time stamps jump.",
+            value="jump, s",
+            default=3600.0,
         ),
     }
 )

@@ -211,9 +211,9 @@ class LabServer:
         match header["op"]:
             case "hello":
                 client.name, client.role = str(header["name"]), role_of(header["role"])
-                epoch_ns = self._clock.utc_ns() - round(now_s * 1e9)
                 self._watch.note(now_s, "client joined", client.name)
-                self._answer(client, number=client.number, epoch_ns=epoch_ns)
+                self._world.plant.advance(now_s)
+                self._answer(client, number=client.number, epoch_ns=self._clock.host_epoch_ns)
             case "now":
                 self._answer(client)
             case "open":
