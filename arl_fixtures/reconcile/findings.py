@@ -13,7 +13,7 @@ from arl_fixtures.reconcile.diagnosis import Alternative, Finding, HeldOut, Para
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.fit import Fit, finish, fit
 from arl_fixtures.reconcile.intervals import half_widths
-from arl_fixtures.reconcile.law import Law
+from arl_fixtures.reconcile.law import Law, LawTerm
 from arl_fixtures.reconcile.patterns import Pattern, Scatter
 from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.region import columns_as_drivers, energy_region
@@ -99,7 +99,7 @@ def _alternatives(decision: Decision, index: int, without: Fit, gain: float) -> 
             continue
         deficit = own - r.gain
         twin = deficit < max(TWIN_GAIN, TWIN_SHARE * own)
-        reason = f"loses {deficit:.1f} of {own:.1f} in log-likelihood"
+        reason = f"loses {deficit:.1f} of {own:.1f} in log-likelihood" if r.gain > 0 else "gains nothing in its place"
         alternatives.append(
             Alternative(
                 effect=effect,
@@ -160,16 +160,14 @@ def law_finding(decision: Decision, law: Law) -> Finding:
     d = next(d for d in decision.problem.data if d.channel.name == law.channel)
     before = forward(decision.terms, decision.problem.view)
     drivers = columns_as_drivers(law.drivers, decision.problem.view)
+    sizes = [size_of_tables(t) for t in law.terms]
     parameters = [
         ParameterValue(
-            name=f"c{k + 1}",
-            value=t.value,
-            unit=law.unit,
-            low=t.value - 1.96 * t.error,
-            high=t.value + 1.96 * t.error,
+            name=f"c{k + 1}", value=t.value * size, unit=law.unit, low=(t.value - 1.96 * t.error) * size,
+            high=(t.value + 1.96 * t.error) * size,
         )
-        for k, t in enumerate(law.terms)
-    ]
+        for k, (t, size) in enumerate(zip(law.terms, sizes, strict=True))
+    ]  # fmt: skip
     left = decision.after[law.channel].ceiling
     total = law.correction(decision.found.looker.features, before[law.channel])[d.use]
     power = (total / (d.stated * d.spread)) ** 2
@@ -195,6 +193,12 @@ def law_finding(decision: Decision, law: Law) -> Finding:
         alternatives=nearest, strength=law.gain, law=law,
         next_experiment=f"Vary {drivers[0] if drivers else 'one condition'} alone and keep everything else still.",
     )  # fmt: skip
+
+
+def size_of_tables(term: LawTerm) -> float:
+    """Root mean square of a term's tabulated functions: the report gives them unit size, the coefficient theirs."""
+    sizes = [float(np.sqrt(np.mean(np.square(axis.values)))) for axis in term.axes if len(axis.values)]
+    return float(np.prod(sizes)) if sizes and min(sizes) > 0 else 1.0
 
 
 def _nearest(decision: Decision, channel: str) -> list[Alternative]:
@@ -280,8 +284,9 @@ def tidy(sentence: str) -> str:
 def _size_of(total: FloatArray, law: Law, sim: FloatArray) -> str:
     if law.relative:
         share = float(np.nanquantile(np.abs(total / np.where(sim == 0, np.nan, sim)), 0.98))
-        return f"{100 * share:.2g} %"
-    return tidy(f"{float(np.quantile(np.abs(total), 0.98)):.3g} {law.unit}")
+        return f"{100 * share:.{2 if share < 1.0 else 3}g} %" if share < 9.99 else f"{100 * share:.0f} %"
+    size = float(np.quantile(np.abs(total), 0.98))
+    return f"{1e3 * size:.3g} mm" if law.unit == "m" and size < 0.1 else tidy(f"{size:.3g} {law.unit}")
 
 
 def constant_finding(decision: Decision, d: ChannelData) -> Finding:

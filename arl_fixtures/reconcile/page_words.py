@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from markupsafe import Markup, escape
+
 from arl_fixtures.reconcile.columns import Channel
 from arl_fixtures.reconcile.diagnosis import ChannelFit, Diagnosis, Finding, ParameterValue
 from arl_fixtures.reconcile.roles import Role, unit_of
@@ -30,6 +32,12 @@ def plain(value: float, digits: int = 3) -> str:
         places = digits - 1 - math.floor(math.log10(abs(value)))
         text = f"{round(value, places):.{max(places, 0)}f}"
     return text.replace("-", "−")
+
+
+def readable(value: float, digits: int = 3) -> str:
+    """As `plain`, digits of large whole numbers in groups of three."""
+    text = plain(value, digits)
+    return counted(int(text)) if text.isdigit() and value >= 10_000 else text
 
 
 def with_interval(p: ParameterValue) -> tuple[str, str, str]:
@@ -86,6 +94,12 @@ def column_label(column: str) -> str:
     """A column's name with its unit."""
     unit = column_unit(column)
     return column if unit == "1" else f"{column} [{unit}]"
+
+
+def breakable(name: str) -> Markup:
+    """A name that a narrow column may break behind its dots and underscores only."""
+    text = str(escape(name))
+    return Markup(text.replace("_", "_<wbr>").replace(".", ".<wbr>"))
 
 
 def joined(words: Sequence[str]) -> str:
@@ -184,14 +198,14 @@ def size_sentence(typical: float, most: float, noise: float, unit: str, relative
         note = f" ({plain(100.0 * relative, 2)} % of the simulated value)"
     tail = f" {unit}" if unit else ""
     return (
-        f"half of the rows it touches move by more than {plain(typical, 2)}{tail}{note}, one in twenty by more than "
-        f"{plain(most, 2)}{tail}; the noise of one row is {plain(noise, 2)}{tail}."
+        f"half of the rows it touches move by more than {readable(typical, 2)}{tail}{note}, one in twenty by more "
+        f"than {readable(most, 2)}{tail}; the noise of one row is {readable(noise, 2)}{tail}."
     )
 
 
 def bounds_text(bounds: Sequence[str] | Sequence[float], unit: str) -> str:
     """A region's bounds on one column."""
-    texts = [b if isinstance(b, str) else plain(b, 4) for b in bounds]
+    texts = [b if isinstance(b, str) else readable(b, 4) for b in bounds]
     unit = unit_text(unit)
     tail = f" {unit}" if unit else ""
     if len(texts) == 2 and not isinstance(bounds[0], str):

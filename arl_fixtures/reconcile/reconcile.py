@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.decide import Decision, is_structure
-from arl_fixtures.reconcile.diagnosis import Diagnosis
+from arl_fixtures.reconcile.diagnosis import ChannelFit, Diagnosis
 from arl_fixtures.reconcile.effect import Effect
+from arl_fixtures.reconcile.findings import mean_square
 from arl_fixtures.reconcile.model_file import ModelFile, model_of, unit_keys
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.search import Found, Progress, Search
@@ -37,6 +39,7 @@ def diagnose(
     found = search.run()
     decision = Decision(search, found, known)
     findings, fits = decision.run()
+    fits = {name: _agreeing(name, fit, decision) for name, fit in fits.items()}
     constants = constants_of(decision) if findings else {}
     diagnosis = Diagnosis(
         sha256=sha256, rows=columns.n if rows is None else rows,
@@ -50,6 +53,21 @@ def diagnose(
     gaps = (columns.sweep_gap_deg, columns.frame_gap_s)
     model = model_of(diagnosis, found.problem.groups.unit_columns, relative, gaps)
     return diagnosis, model, decision
+
+
+def _agreeing(name: str, fit: ChannelFit, decision: Decision) -> ChannelFit:
+    """The agreement with its unexplained share on the scale of its mean squares.
+
+    What columns still predict is measured on cut residuals, which a huge mismatch exceeds: set beside the drop of the
+    sum of squares that the findings bring.
+    """
+    if fit.unexplained <= 0.0:
+        return fit
+    d = next(d for d in decision.problem.data if d.channel.name == name)
+    rest = fit.unexplained * max(decision.found.before[name].gain, decision.after[name].gain, 1.0)
+    start = mean_square(d, decision.problem.view.fresh_state(), centred=True)
+    explained = 0.5 * len(d.use) * max(start - fit.after, 0.0) / d.spread**2
+    return replace(fit, unexplained=rest / max(rest + explained, 1e-9))
 
 
 def constants_of(decision: Decision) -> dict[str, dict[str, float]]:

@@ -137,16 +137,18 @@ def columns_of(table: pa.Table, *, path: Path | str = "table", for_prediction: b
     channels = find_channels(set(numbers))
     if not channels:
         raise DataError(f"{path}: {_why_no_channel(table.column_names, ignored)}")
-    _note_empty(numbers, ignored)
+    _note_empty(numbers, ignored, keep=for_prediction)
     if not for_prediction:
         _drop_repeats(numbers, categories, ignored)
     return Columns(len(numbers[channels[0].name]), numbers, categories, channels, ignored)
 
 
-def _note_empty(numbers: dict[str, FloatArray], ignored: dict[str, str]) -> None:
+def _note_empty(numbers: dict[str, FloatArray], ignored: dict[str, str], *, keep: bool) -> None:
     for name in sorted(numbers):
         if not np.any(np.isfinite(numbers[name])):
             ignored.setdefault(name, "holds no value")
+            if not (keep or name.startswith("sim_") or f"sim_{name}" in numbers):
+                del numbers[name]
     frames = numbers.get("n_frames")
     if frames is not None and np.any(frames < 1):
         ignored["n_frames (rows)"] = f"{int(np.sum(frames < 1))} rows count fewer than one frame; taken as one"

@@ -41,7 +41,7 @@ class Outline(HTMLParser):
 
 def outline(page):
     found = Outline()
-    found.feed(page)
+    found.feed(page.replace("<wbr>", ""))
     found.close()
     assert found.open == []
     return found
