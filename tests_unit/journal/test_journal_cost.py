@@ -35,7 +35,7 @@ def test_all_that_a_step_has_measured_is_one_sync_and_each_entry_takes_its_time(
 
 def test_a_single_entry_is_synced_before_append_returns(tmp_path: Path, syncs):
     with Journal.create(tmp_path / "session-0001.jsonl", begin(), VirtualClock()) as journal:
-        for step in range(5):
+        for attempt in range(1, 6):
             before = len(syncs)
-            journal.append(step_begin(step, 1))
+            journal.append(step_begin(0, attempt))
             assert len(syncs) == before + 1
