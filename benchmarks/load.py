@@ -7,7 +7,6 @@ Run: python -m benchmarks.load [MINUTES]
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import os
 import resource
@@ -31,7 +30,6 @@ from arl_fixtures.recording.writer import StepBagWriter
 
 FRAMES = 10
 BAG_S = 60.0
-FLAT_MIB = 32.0
 
 
 def eat_one_core() -> None:
@@ -164,7 +162,8 @@ def main(minutes: float = 10.0) -> None:
         eater.start()
         bench = open_bench(load_bench(str(file)))
         try:
-            print(json.dumps(measured(bench, folder, minutes), indent=1))
+            for name, value in measured(bench, folder, minutes).items():
+                print(f"{name}: {value}")
         finally:
             bench.close()
             eater.terminate()
@@ -194,12 +193,13 @@ def measured(bench: Bench, folder: Path, minutes: float) -> dict[str, object]:
     lost = {}
     for serial, status in receiver.status().items():
         counts = status.counts
-        lost[serial] = {
-            "frames": counts.frames - before[serial].frames,
-            "lost_rows": counts.lost_rows - before[serial].lost_rows,
-            "incomplete_frames": counts.incomplete_frames - before[serial].incomplete_frames,
-            "malformed": counts.malformed - before[serial].malformed,
-        }
+        was, frames = before[serial], counts.frames - before[serial].frames
+        rows = counts.lost_rows - was.lost_rows
+        lost[serial] = (
+            f"{frames} frames, {counts.incomplete_frames - was.incomplete_frames} incomplete, "
+            f"{rows} rows lost (share {rows / (32 * frames):.1e}), "
+            f"{counts.malformed - was.malformed} malformed"
+        )
     duration_s = bench.clock.now_s - start_s
     return {
         "minutes": round(duration_s / 60.0, 2),
@@ -210,12 +210,12 @@ def measured(bench: Bench, folder: Path, minutes: float) -> dict[str, object]:
         "datagrams older than the set, thrown away unread": port.discarded,
         "datagrams lost after the kernel had them": port.overrun,
         "datagrams the kernel had no room for": kernel_drops(port.bound_port) - drops,
-        "by DUT": lost,
+        **lost,
         "bags whole": sum(step.finished for step in record.steps.values()),
         "journal lines": len(record.lines),
         "processors used by the receiver": round(cpu_s / duration_s, 2),
         "resident after each bag, MiB": memory,
-        "memory flat": memory[-1] - memory[min(1, len(memory) - 1)] < FLAT_MIB,
+        "last over second": round(memory[-1] / memory[min(1, len(memory) - 1)], 3),
     }
 
 
