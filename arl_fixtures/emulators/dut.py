@@ -328,6 +328,12 @@ class DutEmulator:
         """When it last began to start."""
         return max(self._plant.powered_since_s(self._index), self._restart_s)
 
+    def _own_time_s(self, time_s: float) -> float:
+        """What its own clock says, which counts from its start."""
+        jumped = self._plant.faults.active(self._name, FaultKind.CLOCK_JUMP, time_s)
+        jump_s = 0.0 if jumped is None or jumped.role != "dut" else jumped.amount
+        return time_s - self._powered_s() + jump_s
+
     def _first_packet_s(self) -> float:
         settings = self._settings
         start_s = self._powered_s() + settings.boot_s + self._index * settings.phase_s
@@ -344,12 +350,6 @@ class DutEmulator:
         restarts = (fault.kind is FaultKind.RESET and begins) or (fault.kind is FaultKind.BROWN_OUT and not begins)
         if restarts:
             self._restart_s = time_s
-    def _own_time_s(self, time_s: float) -> float:
-        """What its own clock says, which counts from its start."""
-        jumped = self._plant.faults.active(self._name, FaultKind.CLOCK_JUMP, time_s)
-        jump_s = 0.0 if jumped is None or jumped.role != "dut" else jumped.amount
-        return time_s - self._powered_s() + jump_s
-
             self._last = None
 
 
