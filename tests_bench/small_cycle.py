@@ -278,7 +278,7 @@ def fast() -> Iterator[None]:
         _RENDERERS.append((dut, scene, made))
         return made
 
-    def geometry(dut: Any, scene: Any) -> GeometryCache:
+    def geometry(dut: Any, scene: Any, *_store: Any) -> GeometryCache:
         return _GEOMETRY.setdefault(dut.serial, GeometryCache(dut, scene))
 
     expose = DutEmulator._expose
