@@ -10,8 +10,6 @@ import click
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from arl_fixtures.errors import ArlError, DataError
 from arl_fixtures.reconcile.columns import Columns, FloatArray
@@ -19,6 +17,7 @@ from arl_fixtures.reconcile.diagnosis import Diagnosis
 from arl_fixtures.reconcile.localise import write_localisation
 from arl_fixtures.reconcile.model_file import corrected_state, read_model, terms_of, write_model
 from arl_fixtures.reconcile.page import write_page
+from arl_fixtures.reconcile.progress_bar import Bar
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.report_json import write_json
 from arl_fixtures.reconcile.roles import Role
@@ -28,6 +27,8 @@ from arl_fixtures.reconcile.view import View
 from arl_fixtures.reconcile.visibility import invisible_effects
 
 CHUNK = 250_000
+WRITING = 0.9
+"""Share of the work that is done when the answer is known."""
 
 
 def reconcile(table_path: Path, out_dir: Path, progress: ProgressCall | None = None) -> Diagnosis:
@@ -45,8 +46,8 @@ def reconcile(table_path: Path, out_dir: Path, progress: ProgressCall | None = N
     rows = open_table(table_path).metadata.num_rows
     diagnosis, model, decision = diagnose(columns, sha256=sha256_of(table_path), rows=rows, progress=progress)
     diagnosis.invisible.update(invisible_effects(decision))
-    if progress is not None:
-        progress("writing", 0.92)
+    report: ProgressCall = progress or (lambda _text, _share: None)
+    report("writing", WRITING)
     try:
         out_dir.parent.mkdir(parents=True, exist_ok=True)
         work = Path(tempfile.mkdtemp(prefix=f".{out_dir.name}.", dir=out_dir.parent))
@@ -58,7 +59,10 @@ def reconcile(table_path: Path, out_dir: Path, progress: ProgressCall | None = N
         write_page(work / "diagnosis.html", diagnosis, decision)
         channels = columns.channels
         del decision, columns  # a large table is read again in batches: room for them
-        write_localisation(work / "localisation.parquet", table_path, channels, model, diagnosis.findings, rows)
+        write_localisation(
+            work / "localisation.parquet", table_path, channels, model, diagnosis.findings, rows,
+            progress=lambda share: report("writing", WRITING + (1.0 - WRITING) * share),
+        )  # fmt: skip
         out_dir.mkdir(exist_ok=True)
         for file in sorted(work.iterdir()):
             file.replace(out_dir / file.name)
@@ -66,13 +70,17 @@ def reconcile(table_path: Path, out_dir: Path, progress: ProgressCall | None = N
         raise DataError(f"{out_dir}: cannot be written ({error.strerror})") from None
     finally:
         shutil.rmtree(work, ignore_errors=True)
-    if progress is not None:
-        progress("done", 1.0)
     return diagnosis
 
 
-def predict(model_dir: Path, table_path: Path, out_file: Path) -> None:
+def predict(model_dir: Path, table_path: Path, out_file: Path, progress: ProgressCall | None = None) -> None:
     """Write the corrected simulation of a table's rows, in their order.
+
+    Args:
+        model_dir: folder with `model.yaml`.
+        table_path: an observation table, measured columns or not.
+        out_file: Parquet file to write; it appears whole or not at all.
+        progress: called with a sentence and the share done.
 
     Raises:
         ConfigError: there is no usable `model.yaml`.
@@ -83,6 +91,7 @@ def predict(model_dir: Path, table_path: Path, out_file: Path) -> None:
     out_file = Path(out_file)
     rows = open_table(Path(table_path)).metadata.num_rows
     whole: dict[str, FloatArray] = {}
+    done = 0
     for numbers, columns in table_in_batches(Path(table_path)):
         names = [c.name for c in columns.channels if c.role is not Role.SCATTER]
         for start in range(0, columns.n, CHUNK):
@@ -93,12 +102,15 @@ def predict(model_dir: Path, table_path: Path, out_file: Path) -> None:
                 if name in state:
                     values = whole.setdefault(f"corrected_{name}", np.full(rows, np.nan))
                     values[numbers[part]] = state[name]
+            done += len(part)
+            if progress is not None:
+                progress("predicting", done / rows)
     table = pa.table({name: pa.array(values) for name, values in whole.items()})
     try:
         out_file.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=out_file.parent, prefix=f".{out_file.name}.", delete=False) as stream:
-            pq.write_table(table, stream)
-        Path(stream.name).replace(out_file)
+        with tempfile.TemporaryDirectory(dir=out_file.parent, prefix=f".{out_file.name}.") as work:
+            pq.write_table(table, Path(work) / "table")
+            (Path(work) / "table").replace(out_file)
     except OSError as error:
         raise DataError(f"{out_file}: cannot be written ({error.strerror})") from None
 
@@ -111,31 +123,13 @@ def _scatter_channels(columns: Columns) -> list[str]:
     ]  # fmt: skip
 
 
-class _Bar:
-    """Progress on a terminal; silent elsewhere."""
-
-    def __init__(self) -> None:
-        self._bar = Progress(
-            TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn(), transient=True,
-            console=Console(stderr=True), disable=not Console(stderr=True).is_terminal,
-        )  # fmt: skip
-        self._task = self._bar.add_task("reading", total=1.0)
-
-    def __enter__(self) -> ProgressCall:
-        self._bar.start()
-        return lambda text, share: self._bar.update(self._task, description=text, completed=share)
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.stop()
-
-
 @click.command("reconcile")
 @click.argument("table", type=click.Path(path_type=Path))
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for the diagnosis.")
 def reconcile_command(table: Path, out: Path) -> None:
     """Find and name what the simulation left out of an observation TABLE."""
     try:
-        with _Bar() as progress:
+        with Bar() as progress:
             diagnosis = reconcile(table, out, progress)
     except ArlError as error:
         click.echo(str(error), err=True)
@@ -152,7 +146,8 @@ def reconcile_command(table: Path, out: Path) -> None:
 def predict_command(model: Path, table: Path, out: Path) -> None:
     """Apply the model found in folder MODEL to the rows of TABLE."""
     try:
-        predict(model, table, out)
+        with Bar() as progress:
+            predict(model, table, out, progress)
     except ArlError as error:
         click.echo(str(error), err=True)
         raise SystemExit(2) from None

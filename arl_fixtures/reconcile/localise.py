@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +23,9 @@ CHUNK = 250_000
 
 
 def write_localisation(
-    path: Path, table: Path, channels: Sequence[Channel], model: ModelFile, findings: Sequence[Finding], rows: int
-) -> None:
+    path: Path, table: Path, channels: Sequence[Channel], model: ModelFile, findings: Sequence[Finding], rows: int,
+    *, progress: Callable[[float], None] = lambda _share: None,
+) -> None:  # fmt: skip
     """Write `localisation.parquet` for all rows of a table, in their order, without holding the table in memory.
 
     Args:
@@ -34,18 +35,22 @@ def write_localisation(
         model: found on the table, with the findings it came from.
         findings: strongest first.
         rows: of the table.
+        progress: called with the share done.
     """
     fields = [
         field for c in channels for field in (
             pa.field(f"mismatch_{c.name}", pa.float64()), pa.field(f"finding_{c.name}", pa.int16()))
     ]  # fmt: skip
     result = [np.zeros(rows, dtype=field.type.to_pandas_dtype()) for field in fields]
+    done = 0
     for numbers, columns in table_in_batches(table):
         columns.channels = tuple(channels)
         for start in range(0, columns.n, CHUNK):
             part = np.arange(start, min(start + CHUNK, columns.n))
             for whole, values in zip(result, _piece(columns, part, model, findings, path), strict=True):
                 whole[numbers[part]] = values
+            done += len(part)
+            progress(done / rows)
     pq.write_table(pa.table([pa.array(values) for values in result], schema=pa.schema(fields)), path)
 
 
