@@ -4,7 +4,8 @@
 
 One bag of a step at full size (134 angles × 10 frames × 3 DUTs, the twin's frames and noise), written by the
 recorder. Compared in processor time of one process: reading every message with the `mcap` library, and reading the
-blocks, reducing them, and measuring and judging every metric of the three DUTs.
+blocks, reducing them, and measuring and judging every metric of the three DUTs. The twin's expectation is rendered
+once for a bench and kept beside its output; a later process finds it there.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from arl_fixtures.metrics.conditions import Conditions
 from arl_fixtures.metrics.geometry import GeometryCache
 from arl_fixtures.metrics.judge import judge
 from arl_fixtures.metrics.limits import load_limits
+from arl_fixtures.metrics.reference import Reference
 from arl_fixtures.metrics.registry import measure, remember
 from arl_fixtures.metrics.statistics import SweepStatistics
 from arl_fixtures.metrics.step import StepData
@@ -75,14 +77,22 @@ def read_alone(bag: Path) -> tuple[float, int]:
 def main() -> int:
     limits = load_limits(LIMITS)
     conditions = Conditions(set_temperature_c=25.0)
-    caches = {dut.serial: GeometryCache(dut) for dut in DUTS}
-    references = {}
+    references: dict[str, Reference] = {}
     with tempfile.TemporaryDirectory() as folder:
         bag = write_bag(Path(folder))
         alone_s, size = min(read_alone(bag) for _ in range(3))
         print(f"mcap alone: {alone_s:.2f} s for {size / 1e6:.0f} MB of messages")
-        for label in ("first step (geometry not yet known)", "second step", "third step"):
+        store = Path(folder) / "cache"
+        caches: dict[str, GeometryCache] = {}
+        for label, fresh in (
+            ("very first step of a bench (expectation rendered)", True),
+            ("second step", False),
+            ("third step", False),
+            ("first step of a later process (expectation on disk)", True),
+        ):
             started = time.process_time()
+            if fresh:
+                caches = {dut.serial: GeometryCache(dut, store=store) for dut in DUTS}
             collected = collect(StepBag(bag).blocks(), [dut.serial for dut in DUTS])
             read_s = time.process_time() - started
             measured = []

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Final, TypeVar, final
 
 import numpy as np
 import numpy.typing as npt
 
+from arl_fixtures.metrics.geometry_store import GeometryStore
 from arl_fixtures.metrics.panels import centre_rays, pixel_extent_rad, view_panel
 from arl_fixtures.twin.frame import Renderer
 from arl_fixtures.twin.scene import WALL, SceneSettings
@@ -21,6 +23,20 @@ Int64Array = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
 Derived = TypeVar("Derived")
+
+_SEEN: Final = "seen."
+_IMAGES: Final = (
+    "power",
+    "azimuth_deg",
+    "elevation_deg",
+    "intensity_counts",
+    "distance_m",
+    "true_range_m",
+    "cos_incidence",
+    "reflectance",
+    "surface",
+    "mixed",
+)
 
 KEPT_SWEEPS: Final = 2
 """Ascending sweeps repeat exactly; some 12 MB each at full resolution."""
@@ -37,6 +53,7 @@ class Geometry:
     Args:
         renderer: the twin of the DUT.
         stage_angle_deg: (n,) angles.
+        known: what `stored` gave of the same twin at the same angles; rendered where not given.
 
     Attributes:
         stage_angle_deg: (n,).
@@ -49,11 +66,19 @@ class Geometry:
         mixed: (n, H, W) the pixel's field touches more than one surface.
     """
 
-    def __init__(self, renderer: Renderer, stage_angle_deg: Float64Array) -> None:
+    def __init__(
+        self,
+        renderer: Renderer,
+        stage_angle_deg: Float64Array,
+        known: Mapping[str, npt.NDArray[Any]] | None = None,
+    ) -> None:
         self._derived: dict[Callable[[Geometry], Any], Any] = {}
         self.dut: DutSettings = renderer.dut
         self.scene: SceneSettings = renderer.scene
         self.stage_angle_deg = stage_angle_deg
+        if known is not None:
+            self._take(known)
+            return
         self.power = renderer.power.astype(np.float32)
         azimuth_rad, elevation_rad = renderer.centre_directions_rad
         self.azimuth_deg: Float64Array = np.degrees(azimuth_rad)
@@ -75,6 +100,20 @@ class Geometry:
             self.reflectance[k] = frame.reflectance
             self.surface[k] = frame.surface
             self.mixed[k] = frame.mixed
+
+    def _take(self, known: Mapping[str, npt.NDArray[Any]]) -> None:
+        for name in _IMAGES:
+            setattr(self, name, known[name])
+        # a cached property that is known need not be computed
+        self.__dict__["_seen"] = {
+            name.removeprefix(_SEEN): index for name, index in known.items() if name.startswith(_SEEN)
+        }
+
+    @property
+    def stored(self) -> dict[str, npt.NDArray[Any]]:
+        """Everything that is dear to compute, by name, for another process."""
+        seen = {f"{_SEEN}{name}": index for name, index in self._seen.items()}
+        return {name: getattr(self, name) for name in _IMAGES} | seen
 
     def derive(self, function: Callable[[Geometry], Derived]) -> Derived:
         """`function(self)`, computed once: what depends on the geometry alone is shared by all steps."""
@@ -131,10 +170,12 @@ class GeometryCache:
     Args:
         dut: the DUT as its file describes it: what it is compared with, not what it has become.
         scene: the chamber.
+        store: folder where other processes find it, too; None for none.
     """
 
-    def __init__(self, dut: DutSettings, scene: SceneSettings | None = None) -> None:
+    def __init__(self, dut: DutSettings, scene: SceneSettings | None = None, store: Path | None = None) -> None:
         self._renderer = Renderer(dut, scene)
+        self._store = None if store is None else GeometryStore(store, self._renderer)
         self._sweeps: OrderedDict[bytes, Geometry] = OrderedDict()
 
     def at(self, stage_angle_deg: Float64Array) -> Geometry:
@@ -145,8 +186,17 @@ class GeometryCache:
         """
         rounded: Float64Array = np.round(stage_angle_deg, ANGLE_DIGITS).astype(np.float64)
         key = rounded.tobytes()
-        known = self._sweeps.pop(key, None) or Geometry(self._renderer, rounded)
+        known = self._sweeps.pop(key, None) or self._found(rounded)
         self._sweeps[key] = known
         while len(self._sweeps) > KEPT_SWEEPS:
             self._sweeps.popitem(last=False)
         return known
+
+    def _found(self, stage_angle_deg: Float64Array) -> Geometry:
+        known = None if self._store is None else self._store.read(stage_angle_deg)
+        if known is not None and not known.keys() >= set(_IMAGES):
+            known = None
+        geometry = Geometry(self._renderer, stage_angle_deg, known)
+        if known is None and self._store is not None:
+            self._store.write(stage_angle_deg, geometry.stored)
+        return geometry

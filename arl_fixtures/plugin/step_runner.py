@@ -17,6 +17,7 @@ from arl_fixtures.bench.sweep import sweep
 from arl_fixtures.devices.dut_status import DutError
 from arl_fixtures.metrics.conditions import Conditions
 from arl_fixtures.metrics.geometry import GeometryCache
+from arl_fixtures.metrics.geometry_store import EXPECTATIONS
 from arl_fixtures.metrics.instruments import expired_instruments
 from arl_fixtures.metrics.judge import Judgement, judge, overall
 from arl_fixtures.metrics.limits import LimitSet
@@ -104,7 +105,8 @@ class StepRunner:
         self._hashes, self._bags = dict(hashes), bags
         scene = bench.config.scene
         self._duts = {dut.serial: dut for dut in bench.config.dut_settings}
-        self._geometry = {serial: GeometryCache(dut, scene) for serial, dut in self._duts.items()}
+        store = bags.parent / EXPECTATIONS
+        self._geometry = {serial: GeometryCache(dut, scene, store) for serial, dut in self._duts.items()}
         self._given_up: frozenset[str] = frozenset()
 
     def bag_path(self, step: CycleStep, attempt: int) -> Path:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, Final, final
 
 import numpy as np
@@ -12,7 +12,10 @@ import numpy.typing as npt
 from arl_fixtures.metrics.block import AngleBlock
 
 _MAX_BYTES: Final = 1 << 30
-_PARTS: Final = 5
+PARTS: Final = 5
+_IMAGES: Final = 4
+"""Parts with pixels; the last one says which rows arrived."""
+_NOTHING: Final = (0, np.nan, 0, np.nan, 1)
 
 
 @final
@@ -54,7 +57,7 @@ class OpenAngle:
             self._distance[:, 1],
             self._rows,
         )
-        self._stamps: list[list[int]] = [[] for _ in range(_PARTS)]
+        self._stamps: list[list[int]] = [[] for _ in range(PARTS)]
 
     def add(self, part: int, stamp_ns: int, pixels: npt.NDArray[Any]) -> None:
         """Take an image; `part` counts as `DutTopics.images` does."""
@@ -66,11 +69,19 @@ class OpenAngle:
         target[len(stamps)] = pixels
         stamps.append(stamp_ns)
 
-    def block(self) -> AngleBlock:
-        """What is complete. Frames whose images are not all there are left out."""
+    def block(self, absent: Collection[int] = ()) -> AngleBlock:
+        """What is complete. Frames whose images are not all there are left out.
+
+        Args:
+            absent: parts that the recording does not have. They are not waited for: their pixels are without value (0
+                counts, NaN metres, rows taken as arrived), so that what the others hold can be measured.
+        """
+        if not any(self._stamps[:_IMAGES]):
+            return self._empty()
+        self._fill(absent)
         stamps = self._stamps[0]
         whole = all(len(other) == self.shape[0] and other == stamps for other in self._stamps)
-        kept = [list(range(self.shape[0]))] * _PARTS if whole else self._common()
+        kept = [list(range(self.shape[0]))] * PARTS if whole else self._common()
         intensity, distance, rows = self._intensity, self._distance, self._rows
         if not whole:
             intensity = np.stack([intensity[kept[0], 0], intensity[kept[2], 1]], axis=1)
@@ -84,6 +95,25 @@ class OpenAngle:
             intensity_counts=intensity,
             distance_m=distance,
             row_valid=rows[:, :, 0] != 0,
+            operating=self.operating,
+        )
+
+    def _fill(self, absent: Collection[int]) -> None:
+        """Put nothing where a topic is missing; its frames are those of the topic that has most."""
+        most = max(self._stamps, key=len)
+        for part in absent:
+            self._targets[part][: len(most)] = _NOTHING[part]
+            self._stamps[part] += most
+
+    def _empty(self) -> AngleBlock:
+        return AngleBlock(
+            dut=self.dut,
+            angle_index=self.angle_index,
+            stage_angle_deg=self.stage_angle_deg,
+            time_ns=np.empty(0, dtype=np.int64),
+            intensity_counts=self._intensity[:0],
+            distance_m=self._distance[:0],
+            row_valid=self._rows[:0, :, 0] != 0,
             operating=self.operating,
         )
 

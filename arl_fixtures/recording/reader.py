@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
@@ -14,8 +14,9 @@ from ruamel.yaml.error import YAMLError
 
 from arl_fixtures.errors import DataError
 from arl_fixtures.metrics.block import AngleBlock
+from arl_fixtures.metrics.statistics import MOST_FRAMES
 from arl_fixtures.recording import messages
-from arl_fixtures.recording.angle import OpenAngle
+from arl_fixtures.recording.angle import PARTS, OpenAngle
 from arl_fixtures.recording.bag_folder import METADATA_RECORD
 from arl_fixtures.recording.images import ImageParser
 from arl_fixtures.recording.messages import DutTopics
@@ -50,8 +51,8 @@ class StepBag:
         path: bag folder.
 
     Raises:
-        DataError: the folder, its metadata or its file cannot be used; from `blocks` also: the file is cut or
-            damaged, or a topic is missing. The message names file and topic.
+        DataError: the folder, its metadata or its file cannot be used; from `blocks` also, once it has given all that
+            is there: the file is cut or damaged, or a topic is missing. The message names file and topic.
 
     Attributes:
         path: bag folder.
@@ -71,6 +72,8 @@ class StepBag:
         self.stage: list[tuple[int, float]] = []
         self.short: list[tuple[str, int, int, int]] = []
         self._open: dict[str, OpenAngle] = {}
+        self._announced: set[str] = set()
+        self._seen: set[tuple[str, int]] = set()
         tokens = topic_tokens(self.metadata.duts)
         self._routes: dict[str, tuple[str, int]] = {}
         for serial, token in tokens.items():
@@ -87,39 +90,57 @@ class StepBag:
         for file in self._files:
             scan = McapScan(file)
             for message in scan.messages():
-                block = self._take(message)
-                if block is not None:
-                    yield block
+                yield from self._take(message)
             if scan.fault:
                 raise DataError(f"{file}: is cut short: {scan.fault}; keep what is whole with `arl recover`")
             if scan.damaged_chunks:
                 raise DataError(f"{file}: {scan.damaged_chunks} chunks are damaged (checksum)")
             declared |= scan.topics().keys()
-        for topic in self._required:
-            if topic not in declared:
-                raise DataError(f"{self.path}: topic {topic} of DUT {self._routes[topic][0]!r} is missing")
         for dut in list(self._open):
             yield self._finish(dut)
+        missing = [topic for topic in self._required if topic not in declared]
+        if missing:
+            of = dict.fromkeys(f"{topic} of DUT {self._routes[topic][0]!r}" for topic in missing)
+            raise DataError(f"{self.path}: topic {', '.join(of)} is missing")
 
-    def _take(self, message: Message) -> AngleBlock | None:
+    def _take(self, message: Message) -> Iterable[AngleBlock]:
+        """The blocks that a message ends."""
         route = self._routes.get(message.topic)
         if route is None:
-            self._bench(message)
-            return None
+            return self._bench(message)
         dut, part = route
         if part >= 0:
-            if dut in self._open:
-                try:
-                    self._open[dut].add(part, *self._parsers[message.topic](message.data))
-                except ValueError as error:
-                    raise DataError(f"{self.path}: topic {message.topic}: {error}") from None
-            return None
+            self._image(dut, part, message)
+            return ()
         if part == -2:
             self.camera_info[dut] = _camera_info(message)
-            return None
-        done = self._finish(dut) if dut in self._open else None
+            return ()
+        done = (self._finish(dut),) if dut in self._open else ()
+        self._announced.add(dut)
         self._open[dut] = self._begin(dut, message)
         return done
+
+    def _image(self, dut: str, part: int, message: Message) -> None:
+        if dut not in self._open and (dut in self._announced or not self.stage):
+            return
+        try:
+            stamp_ns, pixels = self._parsers[message.topic](message.data)
+            if dut not in self._open:
+                self._open[dut] = self._unannounced(dut, *pixels.shape[:2])
+            self._open[dut].add(part, stamp_ns, pixels)
+            self._seen.add((dut, part))
+        except ValueError as error:
+            raise DataError(f"{self.path}: topic {message.topic}: {error}") from None
+
+    def _unannounced(self, dut: str, rows: int, columns: int) -> OpenAngle:
+        """An angle of a DUT without operating data: the stage says which."""
+        return OpenAngle(
+            dut=dut,
+            angle_index=len(self.stage) - 1,
+            stage_angle_deg=float(np.degrees(self.stage[-1][1])),
+            shape=(MOST_FRAMES, rows, columns),
+            operating={},
+        )
 
     def _begin(self, dut: str, message: Message) -> OpenAngle:
         values = _diagnostic_values(message)
@@ -138,17 +159,20 @@ class StepBag:
 
     def _finish(self, dut: str) -> AngleBlock:
         angle = self._open.pop(dut)
-        block = angle.block()
-        if len(block.time_ns) != angle.shape[0]:
+        block = angle.block([part for part in range(PARTS) if (dut, part) not in self._seen])
+        if len(block.time_ns) != angle.shape[0] and dut in self._announced:
             self.short.append((dut, angle.angle_index, angle.shape[0], len(block.time_ns)))
         return block
 
-    def _bench(self, message: Message) -> None:
+    def _bench(self, message: Message) -> Iterable[AngleBlock]:
         if message.msgtype == messages.TEMPERATURE:
             series = self.temperatures_c.setdefault(message.topic.rsplit("/", 1)[-1], [])
             series.append((message.log_time_ns, messages.parse_temperature(message.data)))
         elif message.topic == messages.STAGE_TOPIC:
+            done = [self._finish(dut) for dut in list(self._open) if dut not in self._announced]
             self.stage.append((message.log_time_ns, float(_deserialize(message).position[0])))
+            return done
+        return ()
 
 
 def read_step(path: Path) -> tuple[StepMetadata, Iterator[AngleBlock]]:

@@ -132,9 +132,9 @@ def _matrix(pairs: Sequence[Correlation]) -> bytes:
         image = axes.imshow(rho, aspect="auto", interpolation="nearest", cmap="RdBu_r", vmin=-1.0, vmax=1.0)
         axes.set_xticks(range(len(signals)), [label(each) for each in signals], rotation=90)
         axes.set_yticks(range(len(metrics)), [label(each) for each in metrics])
-        axes.tick_params(labelsize=6.5, length=0)
+        axes.tick_params(labelsize=7.5, length=0)
         if told:
             axes.plot(*zip(*told, strict=True), "o", color="black", markersize=3, linestyle="none")
         figure.colorbar(image, ax=axes, location="top", shrink=0.6, aspect=30, pad=0.01, label="ρ")
 
-    return drawn(draw, 0.15 * len(metrics) + 2.2)
+    return drawn(draw, 0.17 * len(metrics) + 2.4)

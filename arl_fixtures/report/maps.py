@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final, final
 
 import numpy as np
@@ -56,13 +57,14 @@ class MapMaker:
     Args:
         bench: the bench file the session was run with; None when it is not at hand.
         missing: why not.
+        store: where the session kept what its twins expect; rendered anew without.
     """
 
-    def __init__(self, bench: BenchConfig | None, missing: str = "") -> None:
+    def __init__(self, bench: BenchConfig | None, missing: str = "", store: Path | None = None) -> None:
         self._missing = missing
         self._duts = {} if bench is None else {dut.serial: dut for dut in bench.dut_settings}
         scene = None if bench is None else bench.scene
-        self._geometry = {serial: GeometryCache(dut, scene) for serial, dut in self._duts.items()}
+        self._geometry = {serial: GeometryCache(dut, scene, store) for serial, dut in self._duts.items()}
 
     def of_attempt(self, record: SessionRecord, attempt: AttemptRecord) -> dict[str, tuple[ImageMap, ...]]:
         """All maps of each DUT, from the attempt's bag.

@@ -195,10 +195,12 @@ def lifetime(cycles: Sequence[Cycle], model: LifetimeModel | None) -> Section:
     stress = stress_of(cycles, 0)
     use = model.use
     hours = sum(hours for hours, _ in stress.dwell)
-    swings = f"{min(stress.swings_k):.0f} to {max(stress.swings_k):.0f} K" if stress.swings_k else "no swing"
+    count = len(stress.swings_k)
+    swings = f"{min(stress.swings_k):.0f} to {max(stress.swings_k):.0f} K" if count else "no swing"
     intro = (
-        f"{len(stress.swings_k)} cycles with swings of {swings} and {hours:.1f} h at temperature (housing of the "
-        f"first DUT), against use '{shown(model.name)}' version {model.version}: swings of {_range(use.swing_k)} K, "
+        f"{count} {'cycle' if count == 1 else 'cycles'} with swings of {swings} and {hours:.1f} h at temperature "
+        f"(housing of the first DUT), against use '{shown(model.name)}' version {model.version}: swings of "
+        f"{_range(use.swing_k)} K, "
         f"{_range(use.swings_per_year)} a year, {_range(use.temperature_c)} °C for {_range(use.hours_per_year)} h a "
         f"year ({shown(use.source)}). Ranges follow from the ranges of the parameters; they are no confidence "
         "intervals, and they hold only for a mechanism that the model describes."

@@ -9,6 +9,7 @@ from arl_fixtures.bench.config import BenchConfig, load_bench
 from arl_fixtures.bench.keep import kept_bench
 from arl_fixtures.errors import ConfigError, StorageError
 from arl_fixtures.journal.record import SessionRecord
+from arl_fixtures.metrics.geometry_store import EXPECTATIONS
 from arl_fixtures.report.blocks import Report
 from arl_fixtures.report.cycles import Cycle
 from arl_fixtures.report.html import html_page
@@ -35,8 +36,9 @@ def map_maker(record: SessionRecord, bench: str = "") -> MapMaker:
     except ConfigError as error:
         why = str(error).replace(f"{record.path.parent}/", "")
         return MapMaker(None, f"the bench file that the session kept cannot be used here: {why}")
+    store = record.path.parent / EXPECTATIONS
     if kept is not None:
-        return MapMaker(kept)
+        return MapMaker(kept, store=store if store.is_dir() else None)
     known = _bench_of(identity.bench_name)
     if known is not None and known.sha256 == identity.bench_sha256:
         return MapMaker(known)
