@@ -13,6 +13,7 @@ import pytest
 
 from arl_fixtures.emulators.fault_kinds import FAULT_KINDS, FaultKind
 from arl_fixtures.emulators.faults import Fault
+from arl_fixtures.guard.core import SafeStep
 from arl_fixtures.plugin.setup import SessionFiles
 from tests_bench.small_cycle import Ended, fast, files_for, run_cycle, write_files
 
@@ -97,7 +98,9 @@ def ends(ended: Ended) -> None:
 
 def safe_state(ended: Ended) -> None:
     """The guard stops the bench, and that is journalled."""
-    assert ended.entries("safe_stop")
+    (stop,) = ended.entries("safe_stop")
+    assert [action.name for action in stop.actions][-3:] == [str(step) for step in SafeStep]
+    assert all(action.verified for action in stop.actions[-3:])
     assert "bench is stopped" in ended.over
     assert ended.unsafe == []
     assert not any(ended.world.plant.laser_on(dut) for dut in range(ended.world.plant.dut_count))

@@ -141,6 +141,9 @@ class GuardCore:
     Args:
         settings: conditions and times.
         stopped: a stop that nobody has acknowledged yet (the guard was started again).
+
+    Attributes:
+        actions: safe actions carried out last, in order, each with what went wrong (empty when verified).
     """
 
     def __init__(self, settings: GuardSettings, *, stopped: bool = False) -> None:
@@ -152,6 +155,7 @@ class GuardCore:
         self.request: Request | None = None
         self._watches: list[ConditionWatch] = []
         self._safe: SafeSequence | None = None
+        self.actions: list[tuple[str, str]] = []
         self._beat_s = self._held_since_s = self._violated_s = 0.0
         self._heeded = False
         self._records: list[Record] = []
@@ -243,6 +247,7 @@ class GuardCore:
         if self._safe is None:
             raise LocalProtocolError("guard: no safe action was asked for")
         self._safe.done(step, fault)
+        self.actions.append((str(step), fault))
         self._note(now_s, "safe action", step=str(step), fault=fault)
         if self._safe.next is not None:
             return
@@ -313,6 +318,7 @@ class GuardCore:
         self._go(event, now_s, cause=cause)
         self.cause, self.request = cause, None
         self._safe = SafeSequence(attempts or self._settings.attempts)
+        self.actions = []
 
     def _go(self, event: Event, now_s: float, **detail: Any) -> None:  # noqa: ANN401 - details are the record's own
         target = TRANSITIONS[self.state].get(event)

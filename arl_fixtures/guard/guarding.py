@@ -71,6 +71,10 @@ class Guard(Protocol):
             InterlockError: it was not over in time.
         """
 
+    @property
+    def actions(self) -> list[tuple[str, str]]:
+        """Safe actions carried out last, in order, each with what went wrong (empty when verified)."""
+
     def close(self) -> None:
         """The session is over."""
 
@@ -135,6 +139,11 @@ class ProcessGuard:
             self._pausing = False
         self.check()
         return bench.clock.now_s - start_s
+
+    @property
+    def actions(self) -> list[tuple[str, str]]:
+        """Safe actions carried out last; none known where the guard itself is gone."""
+        return [] if self._link.lost else self._link.actions
 
     def close(self) -> None:
         """Good-bye: the guard makes the bench safe if it is not yet."""

@@ -105,6 +105,11 @@ class InsideGuard:
         self.check()
         return bench.clock.now_s - start_s
 
+    @property
+    def actions(self) -> list[tuple[str, str]]:
+        """Safe actions carried out last, in order, each with what went wrong (empty when verified)."""
+        return self._core.actions
+
     def close(self) -> None:
         """The session is over; the bench has made itself safe by closing."""
         if self._bench is not None and self._core.driven:

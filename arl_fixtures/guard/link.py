@@ -50,6 +50,7 @@ class GuardLink:
         self._announced = False
         self.request: Request | None = None
         self.cause = ""
+        self.actions: list[tuple[str, str]] = []
         self.driven = True
         hello = {"op": "hello", "sha256": sha256, "lab": lab}
         try:
@@ -140,6 +141,7 @@ class GuardLink:
         request = header.get("request")
         self.request = None if request is None else Request(Action(request[0]), str(request[1]))
         self.cause, self.driven = str(header.get("cause", "")), header.get("state") in {"armed", "holding"}
+        self.actions = [(str(step), str(fault)) for step, fault in header.get("actions", ())]
         if "error" in header:
             raise ERRORS.get(header["error"], InterlockError)(str(header["message"]))
         return answer

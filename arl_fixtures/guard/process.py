@@ -314,7 +314,7 @@ class GuardProcess:
         core, stop = self._core, self._books.last_stop
         request = None if core.request is None else [str(core.request.action), core.request.reason]
         body = {"n": number, "now_s": self._now_s, "state": str(core.state), "cause": core.cause, "request": request}
-        body |= {"unverified": core.unverified, "stop": None if stop is None else str(stop)}
+        body |= {"unverified": core.unverified, "actions": core.actions, "stop": None if stop is None else str(stop)}
         session.peer.send(body | header, payload)
 
     # -- looking and acting

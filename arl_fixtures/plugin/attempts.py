@@ -73,7 +73,8 @@ class Attempts:
                 except HoldError as error:
                     failures.append(f"attempt {attempt}: paused: {error}")
         except InterlockError as error:
-            self._journal.append(journaling.safe_stop(error))
+            actions = self._guard.actions if self._guard is not None else ()
+            self._journal.append(journaling.safe_stop(error, actions))
             raise SessionOverError(f"the bench is stopped, further steps are NOT RUN: {error}") from None
         except StorageError as error:
             # what cannot be written would be lost at the next step too

@@ -140,9 +140,15 @@ def pause_over(paused_s: float) -> entries.Note:
     return entries.Note(text=f"pause over after {paused_s:.1f} s")
 
 
-def safe_stop(error: InterlockError) -> entries.SafeStop:
-    """The guard brought the bench into its safe state; its message says whether that could be verified."""
-    return entries.SafeStop(cause=str(error))
+def safe_stop(error: InterlockError, actions: Sequence[tuple[str, str]]) -> entries.SafeStop:
+    """The guard brought the bench into its safe state; its message says whether that could be verified.
+
+    Args:
+        error: the guard's word.
+        actions: each safe action in order, and what went wrong with it (empty when its read-back agreed).
+    """
+    done = tuple(entries.SafeAction(name=name, verified=not fault, detail=fault) for name, fault in actions)
+    return entries.SafeStop(cause=str(error), actions=done)
 
 
 def cycle_end(cycle: int, verdict: Verdict, decided_by: str) -> entries.CycleEnd:
