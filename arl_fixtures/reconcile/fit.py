@@ -18,6 +18,8 @@ SHORT = 4
 SHORT_STEP = 0.05
 FEWEST_ROUNDS = 3
 """Rounds from which rough terms are refined by trials."""
+MOVED, MOVED_FAR, KEPT_Z = 1.5, 5.0, 1.5
+"""Standard errors by which a rough term moves a row of an edge, and to which what it leaves there is held back."""
 WORTH = 2.0
 """Gain over null from which a rough term is refined."""
 
@@ -193,6 +195,36 @@ def _descend(problem: Problem, terms: Sequence[Term], *, rounds: int, tolerance:
             break
         jacobian = jacobian_of(problem, now, keys, state)
     return Fit(terms=now, state=state, residual=residual, jacobian=jacobian, keys=keys)
+
+
+def hold_back_edges(problem: Problem, found: Fit) -> None:
+    """Limit the weight of rows at edges that rough terms leave unexplained.
+
+    Which ray has crossed an edge hangs on the last digits of angles and temperatures. Rows that a fifth more or less
+    of a rough term would change, or that it changes much, and that still lie off are its own error: they must not
+    call for another effect.
+    """
+    rough = [index for index, term in enumerate(found.terms) if term.variant.rough]
+    if not rough:
+        return
+    states = [forward([t for k, t in enumerate(found.terms) if k not in rough], problem.view)]
+    for factor in (0.8, 1.2):
+        terms = list(found.terms)
+        for index in rough:
+            values = dict(terms[index].values)
+            for p in terms[index].variant.amplitudes():
+                null = p.null or 0.0
+                values[p.name] = float(np.clip(null + factor * (values[p.name] - null), p.low, p.high))
+            terms[index] = terms[index].with_values(values)
+        states.append(forward(terms, problem.view))
+    for d in problem.data:
+        name, error = d.channel.name, d.stated * d.spread
+        moved = [np.abs(state[name] - found.state[name])[d.use] / error for state in states]
+        left = np.abs(d.residual(found.state)) / error
+        held = ((moved[0] > MOVED_FAR) | (moved[1] > MOVED) | (moved[2] > MOVED)) & (left > KEPT_Z)
+        if held.any():
+            d.trust = np.where(held, np.minimum(d.trust, (KEPT_Z / np.maximum(left, KEPT_Z)) ** 2), d.trust)
+            d.rebuild(d.tau)
 
 
 def finish(problem: Problem, found: Fit) -> Fit:

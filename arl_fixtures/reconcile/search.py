@@ -14,7 +14,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.effect import Effect, State
-from arl_fixtures.reconcile.fit import Fit, finish, fit
+from arl_fixtures.reconcile.fit import Fit, finish, fit, hold_back_edges
 from arl_fixtures.reconcile.grouping import find_groups, typical_gaps
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import ChannelData, Problem, carry_gains
@@ -168,6 +168,7 @@ class Search:
         for d in self.full.data:
             if best.state[d.channel.name] is not untouched[d.channel.name]:
                 self.looker.calibrate(d, best.state)
+        hold_back_edges(self.full, best)
         carry_gains(self.full, best.state)
         if self.small is not self.full:
             for part in self.small.data:
