@@ -76,12 +76,14 @@ def _fit_pattern(
     moved = forward([*terms, term], view)
     names = [d for d in problem.data if moved[d.channel.name] is not base[d.channel.name]]
     gram, score = np.zeros((2, len(keys))), np.zeros((2, len(keys)))
+    sparse = parameter.low >= null or parameter.high <= null
     for d in names:
         if d.channel.role.value == "scatter":
             continue
         tangent = d.expect * (moved[d.channel.name] - base[d.channel.name])[d.use] / step
         residual = d.residual(base)
-        residual = residual - shared_part(d, residual)
+        if not sparse:  # a few dead pixels would pull the mean of their step
+            residual = residual - shared_part(d, residual)
         weight = d.root_weight**2
         half = np.unique(d.block, return_inverse=True)[1] % 2
         for k in (0, 1):
@@ -92,7 +94,6 @@ def _fit_pattern(
     good = total > 1e-9
     if good.sum() < 8:
         return None
-    sparse = parameter.low >= null or parameter.high <= null
     values = np.zeros(len(keys))
     if sparse:
         z = pull / np.sqrt(np.maximum(total, 1e-12))

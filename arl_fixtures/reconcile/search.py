@@ -31,7 +31,7 @@ SHORTLIST = 16
 POLISHED = 6
 PRICE = 2.0
 """Log-likelihood that each free parameter must earn."""
-TWIN_GAIN = 3.0
+TWIN_GAIN = 2.0
 """Of candidates that differ by less in log-likelihood the one with fewest parameters is taken."""
 MISFIT_SHARE, HIDDEN_SHARE = 0.15, 0.004
 """A further effect on a channel must gain this share of what one there gains, with and without a driver in common."""
@@ -195,10 +195,10 @@ class Search:
             if stage.chosen is None:
                 break
             best = self._settle(stage.chosen.fit, stage)
-            self._weigh(best)
             best = fit(self.full, best.terms, rounds=4)
             self._look_again(best)
             best = finish(self.full, fit(self.full, best.terms, rounds=4))
+            self._weigh(best)  # with the scatters that it leaves, not with those that hid it
         if stages:
             best = self._prune(best, chance.threshold(LEVEL_NAME) if chance is not None else 0.0)
         self.progress("what is left", 0.8)
@@ -358,8 +358,12 @@ class Search:
 
 
 def evidence(ranked: Ranked) -> float:
-    """What counts against the threshold: the gain over no mismatch, and enough over a mere pattern of pixels."""
-    return min(ranked.gain / PATTERN_ODDS, ranked.robust)
+    """What counts against the threshold: the gain over no mismatch, and enough over a mere pattern of pixels.
+
+    The threshold is the largest gain that chance gives to as many amplitudes, so their price is not asked again.
+    """
+    amplitudes = sum(not p.per for p in ranked.candidate.term.variant.amplitudes())
+    return min(ranked.gain / PATTERN_ODDS, ranked.robust) + PRICE * amplitudes
 
 
 def constant_z(d: ChannelData, state: State) -> float:

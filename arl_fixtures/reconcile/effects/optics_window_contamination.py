@@ -20,7 +20,7 @@ class WindowContamination(LightFactor):
     confusable = ("detector.pixel_response", "optics.vignetting", "beam.profile_change")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """One per intensity channel, started on a coarse raster of places."""
+        """One per intensity channel, started on a raster of places whose spots touch."""
         axes = [name for name in ("pixel_u", "pixel_v") if view.varies(name)]
         if not axes:
             return
@@ -30,10 +30,10 @@ class WindowContamination(LightFactor):
                 low, high = view.span(axis)
                 wide = high - low
                 letter = axis[-1]
-                places = (1 / 8, 3 / 8, 5 / 8, 7 / 8) if letter == "u" else (0.25, 0.75)
+                places = (1 / 8, 3 / 8, 5 / 8, 7 / 8) if letter == "u" else (1 / 6, 1 / 2, 5 / 6)
                 parameters.append(shape(f"centre_{letter}", "px", low, high, *(low + x * wide for x in places)))
                 least = 0.5 if wide < 4.0 else 1.0
-                parameters.append(shape(f"radius_{letter}", "px", least, max(0.6 * wide, 2.0 * least), 0.15 * wide))
+                parameters.append(shape(f"radius_{letter}", "px", least, max(0.6 * wide, 2.0 * least), 0.17 * wide))
             yield Variant(
                 effect=self.id,
                 options={"channel": channel},
