@@ -132,7 +132,7 @@ class ChannelData:
         centred = residual
         count = 0.0
         if self.calibrated:
-            # plain means: constants that weigh by the present scatters would make the result depend on where it starts
+            # plain means: constants that weigh by the present scatters would depend on where the estimate starts
             weight = self.root_weight**2 * self.scale
             top = np.bincount(self.unit, weight * residual, minlength=self.units)
             bottom = np.bincount(self.unit, weight * self.scale, minlength=self.units)

@@ -43,7 +43,7 @@ class ColumnPattern(Effect):
             for axis in ("pixel_u", "pixel_v"):
                 if not view.varies(axis) or span(view, axis) < 3.0:
                     continue
-                # odd and even columns that part in time with temperature are a fault of the timing, not of the read-out
+                # odd and even columns that part in time with temperature are a fault of the timing, not the read-out
                 for column in ("", *warm) if channel in signals(view) else ("",):
                     yield self._variant(view, channel, axis, "parity", column)
                 if span(view, axis) >= 7.0:
