@@ -169,7 +169,12 @@ def law_finding(decision: Decision, law: Law) -> Finding:
         for k, (t, size) in enumerate(zip(law.terms, sizes, strict=True))
     ]  # fmt: skip
     left = decision.after[law.channel].ceiling
-    total = law.correction(decision.found.looker.features, before[law.channel])[d.use]
+    added = law.correction(decision.found.looker.features, before[law.channel])
+    total = added[d.use]
+    final = decision.final_state()
+    bare = {**final, law.channel: final[law.channel] - added}
+    # on the scale of named effects: with the scatter of the groups at its best for each of the two
+    gain = max(decision.problem.log_likelihood(final) - decision.problem.log_likelihood(bare), 0.0)
     power = (total / (d.stated * d.spread)) ** 2
     where: dict[str, list[str] | list[float]] = {}
     for column in drivers[:3]:
@@ -185,12 +190,12 @@ def law_finding(decision: Decision, law: Law) -> Finding:
     )
     held = HeldOut(
         blocks=decision.problem.groups.block_name, before=left.before, after=left.after,
-        explained=float(min(max(explained, 0.0), 1.0)), gain=law.gain,
+        explained=float(min(max(explained, 0.0), 1.0)), gain=gain,
     )  # fmt: skip
     return Finding(
         effect="unknown", channels=[law.channel], where=where, drivers=drivers, expression=law.expression,
         source="", parameters=parameters, statement=statement(text, where, []), held_out=held,
-        alternatives=nearest, strength=law.gain, law=law,
+        alternatives=nearest, strength=gain, law=law,
         next_experiment=f"Vary {drivers[0] if drivers else 'one condition'} alone and keep everything else still.",
     )  # fmt: skip
 

@@ -33,6 +33,9 @@ from arl_fixtures.reconcile.view import View
 NAMED_BLOCKS = 4
 """Blocks of a fold that are named."""
 
+FAR_Z, FEW = 10.0, 0.01
+"""So few rows so many standard errors off are outliers, not a mismatch."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOutPart:
@@ -114,7 +117,8 @@ class _Maker:
             text = words.matters(
                 fit, min(d.spread**2, fit.after), constants=name in self.diagnosis.constants, seen=seen
             )  # fmt: skip
-            made.append((name, f"{size[:1].upper()}{size[1:]} {text}".strip()))
+            text = f"{size[:1].upper()}{size[1:]} {text} {_outliers(d, self.shown.after)}"
+            made.append((name, text.strip()))
         return made
 
     def constants(self) -> list[tuple[str, str, str]]:
@@ -235,6 +239,20 @@ def _part(d: ChannelData, state: State, fold: int, *, centred: bool = False) -> 
         residual = residual - d.scale * d.constants_of(d.whitener(residual))[d.unit]
     here = d.fold == fold
     return float(np.sum((d.trust * (residual / d.stated) ** 2)[here]) / max(float(np.sum(d.trust[here])), 1e-12))
+
+
+def _outliers(d: ChannelData, state: State) -> str:
+    """A sentence about the few rows that make most of a mean square, empty where none do."""
+    residual = d.residual(state)
+    if d.calibrated:
+        residual = residual - d.scale * d.constants_of(d.whitener(residual))[d.unit]
+    power = (residual / (d.stated * d.spread)) ** 2
+    far = power > FAR_Z**2
+    if not 0 < far.sum() < FEW * len(far) or power[far].sum() < 0.5 * power.sum():
+        return ""
+    count = words.counted(int(far.sum()))
+    rows = "1 row lies" if far.sum() == 1 else f"{count} rows lie"
+    return f"{rows} more than {FAR_Z:g} standard errors off and make most of what is left: single outliers."
 
 
 def _size_text(d: ChannelData, moved: FloatArray) -> str:
