@@ -43,8 +43,20 @@ LAW_EVIDENCE, LAW_GAIN, LAW_Z = 4.0, 7.0, 2.4
 """Where nothing else tells of a mismatch, a law's first term must earn this beyond its price, and the law must gain
 this on unseen blocks, this surely."""
 PIXEL_COLUMNS = frozenset({"pixel_u", "pixel_v", "azimuth_deg", "elevation_deg"})
+PICTURE_SHARE = 0.3
+"""Share of what an effect over the image explains that a free pattern of pixels must gain beside it."""
 CONSTANT_Z = 8.0
 """A unit's constant gain or offset this many standard errors from none is a mismatch if nothing else explains it."""
+
+
+def _ordered(findings: list[Finding], names: int) -> list[Finding]:
+    """Strongest first; behind a name (they come first) what was fitted to the rest that it left on its channel."""
+    leading = findings[:names]
+    ranked = [(f.strength, f) for f in leading]
+    for f in findings[names:]:
+        ahead = [0.999 * name.strength for name in leading if set(name.channels) & set(f.channels)]
+        ranked.append((min([f.strength, *ahead]), f))
+    return [f for _, f in sorted(ranked, key=lambda pair: -pair[0])]
 
 
 def is_structure(seen: Structure) -> bool:
@@ -91,6 +103,7 @@ class Decision:
         self._add_patterns()
         self._gate()
         self._find_laws()
+        self._drop_shadowed()
         driven = {law.channel for law in self.laws}
         scatters = find_scatter(self.problem, self.effects, self.final_state())
         self.scatters = [s for s in scatters if s.channel not in driven][:1]
@@ -103,8 +116,7 @@ class Decision:
             constant_finding(self, d) for d in self.problem.data
             if d.channel.name not in acted and self._is_constant(d)
         ]  # fmt: skip
-        findings.sort(key=lambda f: -f.strength)
-        return findings, self._fits()
+        return _ordered(findings, len(self.best.terms)), self._fits()
 
     def _is_constant(self, d: ChannelData) -> bool:
         """Whether a channel is off by a gain or offset that no scatter of its steps explains."""
@@ -128,16 +140,33 @@ class Decision:
     def _add_patterns(self) -> None:
         for pattern in find_patterns(self.problem, self.effects, self.best.terms, self.search.failed)[:2]:
             calibration = is_calibration(self.problem, pattern, self.best.terms)
-            largest = max(
-                (self.search.gains.get(k, 0.0) for k, t in enumerate(self.best.terms)
-                 if set(t.variant.channels) & set(pattern.term.variant.channels)), default=0.0,
-            )  # fmt: skip
-            if calibration or self.patterns or pattern.gain <= MISFIT_SHARE * largest:
+            shares = [self._share_beside(t) for t in self.best.terms
+                      if set(t.variant.channels) & set(pattern.term.variant.channels)]  # fmt: skip
+            if calibration or self.patterns or pattern.gain <= max(shares, default=0.0):
                 continue
-            if largest > 0.0 or not self._has_other_place(pattern):
+            if shares or not self._has_other_place(pattern):
                 self.patterns.append(pattern)
         if self.patterns:
             self._look()
+
+    def _share_beside(self, term: Term) -> float:
+        """Log-likelihood that a free pattern of pixels must gain beside an effect, so as not to mend its shape only.
+
+        Of an effect that is itself a picture (a spot, a beam) the free pattern takes up whatever its outline misses.
+        """
+        picture = bool(set(term.variant.drivers) & PIXEL_COLUMNS)
+        return (PICTURE_SHARE if picture else MISFIT_SHARE) * self._plain_gain(term)
+
+    def _plain_gain(self, term: Term) -> float:
+        """Half the drop of the sum of squares that a term brings to independent rows, as it is counted for a pattern."""
+        others = [t for t in self.best.terms if t is not term]
+        base, moved = forward(others, self.problem.view), forward([*others, term], self.problem.view)
+        total = 0.0
+        for d in self.problem.data:
+            if moved[d.channel.name] is not base[d.channel.name] and d.channel.role is not Role.SCATTER:
+                change = d.root_weight * d.expect * (moved[d.channel.name] - base[d.channel.name])[d.use]
+                total += 0.5 * float(change @ change)
+        return total
 
     def _has_other_place(self, pattern: Pattern) -> bool:
         """Whether a channel of a pattern carries stronger structure on something other than its pixels."""
@@ -178,7 +207,9 @@ class Decision:
         kept = tuple(t for t in self.best.terms if not self._mostly_in(t, bad))
         if len(kept) != len(self.best.terms):
             self.best = finish(self.problem, fit(self.problem, kept, rounds=4))
+            self.patterns = []  # found beside what does not stand
             self._look()
+            self._add_patterns()
 
     def _is_beaten(self, d: ChannelData) -> bool:
         """Whether an empirical law explains a channel clearly better than its names; each pays for its parameters."""
@@ -225,6 +256,17 @@ class Decision:
                 law = self._law_of(d, state, self.after[name])
                 if law is not None:
                     self.laws.append(law)
+
+    def _drop_shadowed(self) -> None:
+        """A pattern of pixels beside a larger unknown is a part of it: its pixels see different conditions."""
+        kept = [
+            p for p in self.patterns
+            if not any(law.channel in p.term.variant.channels and law.gain > p.gain for law in self.laws)
+        ]  # fmt: skip
+        if len(kept) != len(self.patterns):
+            self.patterns, self.laws = kept, []
+            self._look()
+            self._find_laws()
 
     def _leading(self, d: ChannelData) -> list[str]:
         """Columns that matter most to a channel's mismatch, with names and without."""

@@ -22,7 +22,8 @@ def features_of(view: View) -> dict[str, FloatArray]:
     """Every column on which a mismatch may depend, on the rows of the view.
 
     Derived ones carry a `~`: `~edge(X)` (mean of the neighbouring pixels over own), `~sweep(X)` (next angle over
-    own), `~before(X)` (frame taken before over own), `~frame(X)` (mean of the image over own), `~parity(pixel_u)`.
+    own), `~before(X)` (frame taken before over own), `~frame(X)` (mean of the image over own), `~parity(pixel_u)`,
+    `~within(time_s)` (since the step's first row).
     """
     found: dict[str, FloatArray] = {name: view.number(name) for name in view.covariates() if name != "n_frames"}
     for name in sorted(view.columns.categories):
@@ -54,7 +55,23 @@ def features_of(view: View) -> dict[str, FloatArray]:
             found[f"~before({signal})"] = view.acquired_before(state, signal) / own - 1.0
             if view.varies("pixel_u"):
                 found[f"~frame({signal})"] = view.frame_mean(state, signal) / own
+    within = _within_step(view)
+    if within is not None:
+        found["~within(time_s)"] = within
     for name in ("pixel_u", "pixel_v"):
         if view.varies(name):
             found[f"~parity({name})"] = np.mod(view.number(name), 2.0)
     return {name: values for name, values in found.items() if np.isfinite(values).any()}
+
+
+def _within_step(view: View) -> FloatArray | None:
+    """Time since the first row of each row's step, None where a step has one time or the table no steps."""
+    if not (view.varies("time_s") and view.varies("step")):
+        return None
+    time = view.number("time_s")
+    code = np.unique(view.columns.group("dut", "cycle", "step")[view.rows], return_inverse=True)[1]
+    first = np.full(int(code.max()) + 1, np.inf)
+    np.fmin.at(first, code, time)
+    within = np.asarray(time - first[code])
+    spread = np.nanmax(within) if np.isfinite(within).any() else 0.0
+    return within if spread > 1e-3 * np.ptp(time[np.isfinite(time)]) else None

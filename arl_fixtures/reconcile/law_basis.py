@@ -15,6 +15,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.law import Axis, Features
+from arl_fixtures.reconcile.roles import unit_of
 
 KNOTS, MAP_KNOTS = 12, 6
 SMOOTH = (0.4, 0.12)
@@ -24,7 +25,8 @@ PERIODS = (2, 3, 4, 6, 8, 16)
 MOST_LEVELS = 40
 PRICE_ONE, PRICE_TWO, PRICE_CURVE, PRICE_PRODUCT = 6.0, 9.0, 7.0, 3.0
 """Log-likelihood that a term must earn for having been chosen: one function, a wave, a curve, each factor more."""
-UNLIKELY = {"time_s": 2.5, "step": 2.5, "set_temperature_c": 1.0}
+UNLIKELY = {"time_s": 2.5, "step": 2.5, "set_temperature_c": 1.0, "~within(time_s)": 1.0}
+FAR_FETCHED, OPERATING = 4.0, 1.5
 """Further price of columns that tell of unseen conditions less than a physical one that fits as well."""
 
 
@@ -185,5 +187,13 @@ def waves_of(first: str, turns: float, second: str = "", more: float = 0.0) -> t
 
 
 def price_of(columns: tuple[str, ...]) -> float:
-    """Further price for columns that hardly generalise."""
-    return sum(UNLIKELY.get(c, 4.0 if c.startswith("~") else 0.0) for c in set(columns))
+    """Further price for columns that hardly generalise, or that follow what drives an effect rather than drive it."""
+    return sum(_price_of(c) for c in set(columns))
+
+
+def _price_of(column: str) -> float:
+    if column in UNLIKELY:
+        return UNLIKELY[column]
+    if column.startswith("~"):
+        return FAR_FETCHED
+    return OPERATING if unit_of(column) in {"V", "A", "us"} and not column.startswith("sim_") else 0.0

@@ -28,6 +28,9 @@ from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.roles import Role
 
 MOST_LEADING = 7
+SHARED_PRICE, PRICE_PAIR_WAVE = 3.0, 7.0
+ALIKE = 0.98
+"""Correlation from which two columns are one for the search of pairs."""
 
 
 def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> list[Candidate]:
@@ -40,7 +43,7 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> list[Candidat
     for name, values in work.features.items():
         category = not name.startswith(("~", "sim_")) and view.is_category(name)
         labels = view.labels(name) if category else ()
-        extra = price_of((name,))
+        extra = price_of((name,)) + _shared_price(work, (name,))
         bases = [
             Basis(axes=(axis,), price=PRICE_ONE + extra)
             for axis in axes_of(name, values, labels)
@@ -50,11 +53,14 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> list[Candidat
             Basis(axes=(axis,), prior=np.eye(axis.count), price=PRICE_CURVE + extra)
             for axis in tables_of(name, values, category=category)
         ]
-        if not category:
+        if not category and name not in looker.problem.groups.unit_columns:
             curve = curve_axis(name, values, KNOTS)
             bases += list(curves_of(curve, PRICE_CURVE + extra)) if curve else []
             wave = _best_wave(work, name)
-            bases += [Basis(waves=waves_of(name, wave), price=PRICE_TWO + extra)] if wave else []
+            if wave:
+                bases.append(Basis(waves=waves_of(name, wave), price=PRICE_TWO + extra))
+                phase = Axis(column=name, kind="table", at=1.0 / wave, edges=tuple(np.arange(1, 8) / 8.0 / wave))
+                bases.append(Basis(axes=(phase,), prior=np.eye(8), price=PRICE_TWO + 2.0 + extra))
         made = [work.candidate(b) for b in bases]
         for item in made:
             gain, _ = evidence(item.gram, item.vectors @ work.residual, item.basis.prior)
@@ -64,13 +70,34 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> list[Candidat
         simple[name] = sorted((m for m in made if m.basis.prior is None and not m.basis.waves), key=lambda m: -m.gain)
     if not work.data.calibrated:
         pool.append(work.candidate(Basis(axes=(Axis(column="", kind="one"),), price=2.0)))
-    names = list(dict.fromkeys([*leading, *sorted(ranked, key=lambda n: -ranked[n])[:3]]))[:MOST_LEADING]
+    ranking = sorted(ranked, key=lambda n: -ranked[n])
+    names = _distinct(work, [*leading, *(n for n in ranking if ranked[n] > -PRICE_ONE)])[:MOST_LEADING]
     if signal is not None:  # what is added, not multiplied
         for item in [m for n in names for m in pool if m.basis.columns == (n,) and not m.basis.waves][:80]:
             axes = (*item.basis.axes, signal)
             pool.append(work.candidate(Basis(axes=axes, prior=item.basis.prior, price=item.basis.price + 1.0)))
     pool += [work.candidate(b) for b in _pairs(work, looker, names, simple)]
     return pool
+
+
+def _distinct(work: Work, names: Sequence[str]) -> list[str]:
+    """Columns in order, without those that tell nearly the same as one before."""
+    kept: dict[str, FloatArray] = {}
+    for name in dict.fromkeys(names):
+        x = np.nan_to_num(work.features[name])
+        spread = float(x.std())
+        if spread > 0.0:
+            x = (x - x.mean()) / spread
+            if all(abs(float(np.mean(x * other))) < ALIKE for other in kept.values()):
+                kept[name] = x
+    return list(kept)
+
+
+def _shared_price(work: Work, columns: tuple[str, ...]) -> float:
+    """Further price of what varies only from step to step: the fewer the steps, the easier a column fits them."""
+    if not work.is_shared(columns):
+        return 0.0
+    return SHARED_PRICE * (1.0 + min(10.0 / (1.0 + float(work.step.max())), 2.0))
 
 
 def _signal(work: Work) -> Axis | None:
@@ -90,7 +117,7 @@ def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, l
     view = looker.problem.view
     for i, first in enumerate(names):
         for second in names[i + 1 :]:
-            price = price_of((first, second)) + PRICE_ONE + PRICE_PRODUCT
+            price = price_of((first, second)) + PRICE_ONE + PRICE_PRODUCT + _shared_price(work, (first, second))
             for a in _varied(simple.get(first, [])):
                 for b in _varied(simple.get(second, [])):
                     yield Basis(axes=(*a.basis.axes, *b.basis.axes), price=price)
@@ -99,7 +126,8 @@ def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, l
                 category = not other.startswith(("~", "sim_")) and view.is_category(other)
                 line = next((m.basis.axes[0] for m in simple.get(one, []) if m.basis.axes[0].kind == "linear"), None)
                 marks = [m.basis.axes[0] for m in simple.get(one, []) if m.basis.axes[0].kind == "is"]
-                curve = None if category else curve_axis(other, values, KNOTS)
+                numbered = other in looker.problem.groups.unit_columns
+                curve = None if category or numbered else curve_axis(other, values, KNOTS)
                 for factor in [*([line] if line else []), *marks[:6]]:
                     for table in tables_of(other, values, category=category):
                         yield Basis(axes=(table, factor), prior=np.eye(table.count), price=price + 1.0)
@@ -113,7 +141,7 @@ def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, l
                 yield map_of(one_map, other_map, price + 2.0)
                 turns = _best_pair_wave(work, first, second)
                 if turns is not None:
-                    yield Basis(waves=waves_of(first, turns[0], second, turns[1]), price=price + 4.0)
+                    yield Basis(waves=waves_of(first, turns[0], second, turns[1]), price=price + PRICE_PAIR_WAVE)
 
 
 def _varied(ranked: Sequence[Candidate], most: int = 4) -> list[Candidate]:

@@ -9,14 +9,14 @@ in its fit.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from arl_fixtures.reconcile.boosting import Binned, Boosted, bin_columns
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
-from arl_fixtures.reconcile.law import Law, LawTerm
+from arl_fixtures.reconcile.law import Axis, Law, LawTerm, axes_of
 from arl_fixtures.reconcile.law_basis import Basis
 from arl_fixtures.reconcile.law_pool import pool_of
 from arl_fixtures.reconcile.law_work import MOST_ROWS, Candidate, Work, evidence
@@ -26,10 +26,11 @@ from arl_fixtures.reconcile.roles import Role
 
 MOST_TERMS = 5
 MOST_PASSES = 3
+MOST_MARKS = 16
 CLOSE, CLOSE_SHARE = 2.0, 0.03
 """Of candidates that differ by less (log-likelihood, or share of the best) the simplest is taken."""
-LEAST_GAIN = 1.0
-"""Log-likelihood that a further term must gain on unseen blocks."""
+LEAST_GAIN, FURTHER_GAIN, FURTHER_SHARE = 1.0, 4.0, 0.01
+"""Log-likelihood that the first term and further ones must gain on unseen blocks, and its share of what is gained."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -72,7 +73,8 @@ def find_terms(work: Work, pool: Sequence[Candidate]) -> Chosen:
         for k in sorted(near, key=lambda k: (_complexity(pool[k].basis), -pool[k].gain))[:4]:
             tried.add(k)
             trial = joint(work, [*chosen.terms, pool[k]])
-            if trial.held > chosen.held + LEAST_GAIN:
+            further = max(FURTHER_GAIN, FURTHER_SHARE * chosen.held) if chosen.terms else LEAST_GAIN
+            if trial.held > chosen.held + further:
                 accepted = trial
                 break
         if accepted is None:
@@ -91,6 +93,8 @@ def _complexity(basis: Basis) -> int:
 
 def joint(work: Work, terms: list[Candidate]) -> Chosen:
     """Fit terms together with their widths, and let every fold be predicted by the others."""
+    if not terms:
+        return Chosen(left=work.residual)
     vectors = np.concatenate([t.vectors for t in terms])
     size = len(vectors)
     precision = np.zeros((size, size))
@@ -132,10 +136,15 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
     """
     leading = [n for n in leading if n in looker.features]
     tau = {**data.tau, "pixel": 0.0, "angle": 0.0, "frame": 0.0}
+    view = looker.problem.view
+    marks = [
+        axis for name in looker.features if not name.startswith(("~", "sim_")) and view.is_category(name)
+        for axis in axes_of(name, looker.features[name], view.labels(name))
+    ][:MOST_MARKS]  # fmt: skip
     law, chosen = law_of(Chosen(), data), Chosen()
     for _ in range(MOST_PASSES):
         work = Work(data, state, looker.features, tau)
-        found = find_terms(work, pool_of(work, looker, leading))
+        found = narrowed(work, find_terms(work, pool_of(work, looker, leading)), marks)
         if found.held < 1.05 * chosen.held or not found.terms:
             break
         law, chosen = law_of(found, data), found
@@ -148,6 +157,25 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
     return law_of(final, data), final
 
 
+def narrowed(work: Work, chosen: Chosen, marks: Sequence[Axis]) -> Chosen:
+    """Each term only in one category (one device, one surface) where unseen blocks gain by it."""
+    for place in range(len(chosen.terms)):
+        best = chosen
+        for mark in marks:
+            basis = chosen.terms[place].basis
+            if basis.waves or mark.column in basis.columns:
+                continue
+            item = work.candidate(replace(basis, axes=(*basis.axes, mark), price=basis.price + 2.0))
+            rest = [t for k, t in enumerate(chosen.terms) if k != place]
+            gain, item.width = evidence(item.gram, item.vectors @ joint(work, rest).left, basis.prior)
+            item.gain = gain - item.basis.price
+            trial = joint(work, [*chosen.terms[:place], item, *chosen.terms[place + 1 :]])
+            if trial.held > best.held + FURTHER_GAIN:
+                best = trial
+        chosen = best
+    return chosen
+
+
 def confirm(work: Work, bases: Sequence[Basis]) -> Chosen:
     """The joint fit of bases under the work's noise, each with the evidence that it had beside those before it."""
     fitted = Chosen(left=work.residual)
@@ -155,7 +183,9 @@ def confirm(work: Work, bases: Sequence[Basis]) -> Chosen:
         item = work.candidate(basis)
         gain, item.width = evidence(item.gram, item.vectors @ fitted.left, basis.prior)
         item.gain = gain - basis.price
-        fitted = joint(work, [*fitted.terms, item])
+        if item.gain > 0.0:
+            trial = joint(work, [*fitted.terms, item])
+            fitted = trial if trial.held > fitted.held else fitted
     return fitted
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,8 @@ from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.roles import Role
 
 MOST_ROWS = 6_000
+LEAST_SEEN = 1e-3
+"""Share of a function's power that must be left beside the units' constants."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -52,6 +55,9 @@ class Work:
         self.scale = data.expect[pick] * (sim if relative else np.ones(len(pick)))
         self._constant = self._whitener(data.scale[pick]) if data.calibrated else None
         self.residual = self.whiten(data.residual(state)[pick])
+        self.step = next(
+            (level.code for level in levels if level.name == "step"), np.zeros(len(pick), dtype=np.int64)
+        )
         self.fold, self.block = data.fold[pick], np.unique(data.block[pick], return_inverse=True)[1]
 
     def whiten(self, x: FloatArray) -> FloatArray:
@@ -64,6 +70,16 @@ class Work:
             z = z - self._constant * share[self.unit]
         return np.asarray(z)
 
+    def is_shared(self, columns: Sequence[str]) -> bool:
+        """Whether all columns are constant within steps: steps then are the only witnesses, and they share errors."""
+        count = np.maximum(np.bincount(self.step), 1)
+        for name in columns:
+            x = np.nan_to_num(self.features[name])
+            mean = np.bincount(self.step, x) / count
+            if float(np.mean((x - mean[self.step]) ** 2)) > 0.02 * float(np.var(x)):
+                return False
+        return True
+
     def candidate(self, basis: Basis) -> Candidate:
         """A basis on these rows."""
         vectors = basis.vectors(self.features) * self.scale
@@ -71,7 +87,7 @@ class Work:
         # what calibration explains must not come back as a difference of large numbers
         power = np.einsum("kn,kn->k", white, white)
         before = np.sum((vectors * self.data.root_weight[self.pick]) ** 2, axis=1)
-        white[power < 1e-6 * before] = 0.0
+        white[power < LEAST_SEEN * before] = 0.0
         return Candidate(basis=basis, vectors=white, gram=white @ white.T)
 
 

@@ -46,6 +46,8 @@ def columns_as_drivers(names: Sequence[str], view: View) -> list[str]:
             parts = [name]
         elif name.startswith("~parity"):
             parts = [re.sub(r"~parity\((.*)\)", r"\1", name)]
+        elif name.startswith("~within"):
+            parts = ["time_s"]
         elif name.startswith("~edge"):
             parts = ["pixel_u", "pixel_v"]
         elif name.startswith("~frame"):

@@ -248,7 +248,7 @@ def _gain_switch(rng: np.random.Generator, rows: Rows, design: Design) -> Effect
         channels=(INTENSITY,),
         start=0.01,
         limit=0.3,
-        drivers=("sim_intensity_counts", "surface", "reflectance", "sim_intensity_counts_std"),
+        drivers=("sim_intensity_counts", INTENSITY, "surface", "reflectance", "sim_intensity_counts_std"),
         unseen=("steps",),
     )
 

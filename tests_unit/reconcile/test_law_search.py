@@ -1,0 +1,124 @@
+"""Empirical laws: they find the shape, prefer the simple one, predict unseen steps, and stay silent on noise."""
+
+import numpy as np
+import pytest
+
+from arl_fixtures.reconcile.columns import Columns, FloatArray
+from arl_fixtures.reconcile.decide import is_law
+from arl_fixtures.reconcile.law import Axis, Law
+from arl_fixtures.reconcile.law_basis import MAP_KNOTS, curve_axis, map_of, members
+from arl_fixtures.reconcile.law_search import Chosen, search_law
+from arl_fixtures.reconcile.law_work import evidence
+from arl_fixtures.reconcile.locate import locate
+from arl_fixtures.reconcile.pilot import Looker
+from arl_fixtures.reconcile.problem import ChannelData, Problem
+from arl_fixtures.reconcile.table import load_table
+
+
+@pytest.fixture
+def problem_of(tmp_path, make_table, save):
+    def make(seed: int, change=None) -> tuple[Looker, ChannelData]:
+        columns: Columns = load_table(save(tmp_path / f"{seed}.parquet", make_table(seed, change)))
+        looker = Looker(Problem(columns))
+        data = next(d for d in looker.problem.data if d.channel.name == "distance_m")
+        looker.calibrate(data, looker.problem.view.fresh_state())
+        return looker, data
+
+    return make
+
+
+def searched(looker: Looker, data: ChannelData, *leading: str) -> tuple[Law, Chosen, FloatArray]:
+    state = looker.problem.view.fresh_state()
+    law, chosen = search_law(looker, data, state, leading)
+    return law, chosen, law.correction(looker.features, state["distance_m"])  # metres on the view's rows
+
+
+def turning(columns, _rng):
+    columns["distance_m"] = columns["distance_m"] + 2e-3 * np.sin(np.radians(4.0 * columns["stage_angle_deg"]))
+
+
+def warm_rows(columns, _rng):
+    rows = np.exp(-(((columns["pixel_v"] - 10.0) / 6.0) ** 2))
+    columns["distance_m"] = columns["distance_m"] + 5e-5 * rows * (columns["tof_temperature_c"] - 40.0)
+
+
+def flicker(columns, rng):
+    phase = rng.uniform(0.0, 6.28, 200)[(columns["step"] + 50 * (columns["dut"] == "S1")).astype(int)]
+    columns["distance_m"] = columns["distance_m"] + 4e-3 * np.sin(columns["pixel_v"] / 4.0 + phase)
+
+
+@pytest.mark.parametrize(
+    ("change", "drivers"),
+    [(turning, {"stage_angle_deg"}), (warm_rows, {"pixel_v", "elevation_deg"})],
+    ids=["wave in angle", "rows times temperature"],
+)
+def test_a_law_has_the_right_columns_and_what_it_says_is_the_truth(problem_of, make_table, change, drivers):
+    looker, data = problem_of(11, change)
+    law, chosen, correction = searched(looker, data)
+    assert set(law.drivers[:2]) & drivers
+    assert is_law(chosen)
+    truth = make_table(11, change)["distance_m"] - make_table(11)["distance_m"]
+    left = correction - truth
+    left = left - left.mean()  # a constant is calibration
+    assert np.mean(left**2) < 0.15 * np.var(truth)
+
+
+@pytest.mark.parametrize("seed", [21, 22])
+def test_noise_has_no_law_and_no_place(problem_of, seed):
+    looker, data = problem_of(seed)
+    _, chosen, _ = searched(looker, data)
+    assert not is_law(chosen)
+    assert locate(looker, data, looker.problem.view.fresh_state()) is None
+
+
+def test_a_line_is_said_as_a_line(problem_of):
+    def tilt(columns, _rng):
+        columns["distance_m"] = columns["distance_m"] + 1e-4 * columns["stage_angle_deg"]
+
+    looker, data = problem_of(31, tilt)
+    law, _, _ = searched(looker, data)
+    first = law.terms[0]
+    assert [a.kind for a in first.axes] == ["linear"]
+    assert first.value / first.axes[0].width == pytest.approx(1e-4, rel=0.15)
+
+
+def test_a_pattern_that_every_step_has_anew_has_a_place_but_no_law(problem_of):
+    looker, data = problem_of(41, flicker)
+    place = locate(looker, data, looker.problem.view.fresh_state())
+    assert place is not None
+    assert set(place.columns) <= {"pixel_v", "elevation_deg", "step"}
+    assert "step" in place.columns
+
+
+def test_a_map_falls_apart_into_products_of_curves_that_say_the_same():
+    rng = np.random.default_rng(3)
+    features = {"a": rng.uniform(0.0, 4.0, 500), "b": rng.uniform(-1.0, 1.0, 500)}
+    first, second = (curve_axis(name, values, MAP_KNOTS) for name, values in features.items())
+    assert first is not None
+    assert second is not None
+    basis = map_of(first, second, 0.0)
+    values = np.outer(np.linspace(0.0, 1.0, first.count), np.linspace(1.0, -1.0, second.count)).ravel()
+    direct = values @ basis.vectors(features)
+    terms = basis.closed(values)
+    assert len(terms) == 1  # of rank one
+    assert terms[0][1] * terms[0][0][0](features) * terms[0][0][1](features) == pytest.approx(direct, abs=1e-9)
+
+
+def test_hats_of_a_curve_sum_to_one_and_say_what_the_closed_curve_says():
+    axis = Axis(column="x", kind="curve", edges=(0.0, 1.0, 3.0, 4.0))
+    x = np.array([-1.0, 0.0, 0.25, 2.0, 4.0, 9.0, np.nan])
+    hats = members(axis, x)
+    assert hats[:, :-1].sum(axis=0) == pytest.approx(np.ones(6))
+    closed = Axis(column="x", kind="curve", edges=axis.edges, values=(1.0, 2.0, -1.0, 5.0))
+    assert np.array(closed.values) @ hats == pytest.approx(closed({"x": x}))
+
+
+def test_evidence_prefers_no_bend_where_there_is_none():
+    rng = np.random.default_rng(9)
+    vectors = rng.normal(size=(10, 2000))
+    gram, noise = vectors @ vectors.T, vectors @ rng.normal(size=2000)
+    assert evidence(gram, noise, np.eye(10))[0] < 3.0
+    strong = vectors @ (rng.normal(size=2000) + 0.3 * rng.normal(size=10) @ vectors)
+    gain, width = evidence(gram, strong, np.eye(10))
+    assert gain > 300.0
+    assert width == pytest.approx(0.3, rel=0.6)
