@@ -73,6 +73,12 @@ def load_model(path: Path, model: type[ModelT]) -> ModelT:
     return validate_tree(path, tree, model)
 
 
+def fault_at(path: Path, place: list[str | int], message: str) -> ConfigError:
+    """A complaint about the value at `place` of a file that is otherwise well-formed, with its line and column."""
+    line, column, _ = _mark(load_yaml(path), place, at_key=False)
+    return ConfigError(f"{'.'.join(map(str, place))}: {message}", path=path, line=line, column=column)
+
+
 def validate_tree(path: Path, tree: Any, model: type[ModelT]) -> ModelT:  # noqa: ANN401 - not validated yet
     """Check a document, or a block of one that kept its marks, against a `model`.
 

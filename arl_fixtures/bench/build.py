@@ -136,7 +136,7 @@ class Opened:
             if emulated:
                 raise ConfigError(
                     f"bench '{config.name}': {emulated[0]} is emulated but the clock is real; "
-                    "run `arl emulate` and give the addresses it prints, or set clock: virtual"
+                    "run `arl emulate --bench THIS --write-bench RUN.yaml` and use RUN.yaml, or set clock: virtual"
                 )
             self.clock = RealClock()
         self._made: dict[Kind, Any] = {}

@@ -24,7 +24,7 @@ from arl_fixtures.metrics.instruments import ACCEPT_EXPIRED, CALIBRATION_DUE
 from arl_fixtures.metrics.step import BenchUncertainty
 from arl_fixtures.twin.scene import SceneSettings
 from arl_fixtures.twin.settings import DutSettings
-from arl_fixtures.yaml_model import FileModel, load_model, validate_tree
+from arl_fixtures.yaml_model import FileModel, fault_at, load_model, validate_tree
 
 EMULATED: Final = "emulated"
 BUILT_IN: Final = Path(__file__).parent.parent / "data" / "benches"
@@ -223,7 +223,7 @@ def read_bench(path: Path, unit_paths: Sequence[Path] | None = None) -> BenchCon
             driver = find_driver(entry.driver, kind)
             emulation = find_emulation(entry.driver, kind) if entry.emulated else None
         except ConfigError as error:
-            raise ConfigError(f"{kind}.driver: {error}", path=path) from None
+            raise fault_at(path, [kind, "driver"], str(error)) from None
         config._device_settings[kind] = validate_tree(path, entry.settings or {}, driver.settings)
         if emulation is not None:
             config._emulator_settings[kind] = validate_tree(path, entry.emulator or {}, emulation.settings)

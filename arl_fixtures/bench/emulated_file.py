@@ -11,12 +11,13 @@ from arl_fixtures.bench.config import bench_path
 from arl_fixtures.yaml_model import load_yaml
 
 
-def bench_file_for(bench_file: str, urls: Mapping[str, str]) -> str:
+def bench_file_for(bench_file: str, urls: Mapping[str, str], *, duts: bool = True) -> str:
     """Text of the bench file with real time, the given URLs, and DUTs that send on the network.
 
     Args:
         bench_file: name or path, as for `load_bench`.
-        urls: URL of each control line by role.
+        urls: URL of each emulated control line by role; the others stay as they are.
+        duts: whether the DUTs are emulated.
 
     Raises:
         ConfigError: the bench file cannot be read.
@@ -27,8 +28,9 @@ def bench_file_for(bench_file: str, urls: Mapping[str, str]) -> str:
     for kind, url in urls.items():
         tree[kind]["url"] = url
         tree[kind].pop("emulator", None)
-    tree["duts"]["url"] = "udp://127.0.0.1"
-    tree["duts"].pop("emulator", None)
+    if duts:
+        tree["duts"]["url"] = "udp://127.0.0.1"
+        tree["duts"].pop("emulator", None)
     tree["duts"]["units"] = [str((path.parent / unit).resolve()) for unit in tree["duts"]["units"]]
     tree.pop("emulation", None)
     buffer = io.StringIO()

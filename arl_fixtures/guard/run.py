@@ -86,7 +86,7 @@ def start_guard(bench_file: str, places: Places, *, lab: Path | None, linger_s: 
         raise InterlockError(f"the guard cannot be started: {error.strerror}") from None
     if said != b"ready\n":
         process.wait()
-        text = " ".join(places.errors.read_text(errors="replace").split())
+        text = "; ".join(places.errors.read_text(errors="replace").split("\n")).strip("; ")
         raise InterlockError(f"the guard did not start: {text[-600:]}")
     # it outlives this process on purpose; nobody is to warn that it was not waited for
     process.returncode = 0

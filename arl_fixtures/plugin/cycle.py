@@ -9,7 +9,7 @@ import pytest
 
 from arl_fixtures.bench.bench import Bench
 from arl_fixtures.bench.profile import CycleStep
-from arl_fixtures.errors import DataError
+from arl_fixtures.errors import DataError, StorageError
 from arl_fixtures.guard.guarding import Guard
 from arl_fixtures.journal.journal import Journal
 from arl_fixtures.journal.record import AttemptRecord
@@ -82,7 +82,9 @@ class CycleSession:
         Raises:
             DeviceError: a device does not do its part.
             DataError: the output folder cannot be used, or the journal is another bench's.
+            StorageError: a bag is where one of this session will go.
         """
+        self._require_room()
         journal = self.journal = self.past.open(self.files, self._plan, self.bench.clock)
         if self._guard is not None and self._guard.last_stop:
             journal.append(journaling.note(f"before this session: {self._guard.last_stop}"))
@@ -134,6 +136,13 @@ class CycleSession:
             self.journal.append(journaling.session_end(reason, worst(told)))
             self.journal.close()
             self.journal = None
+
+    def _require_room(self) -> None:
+        """Find a bag in the way now, not after hours at its step."""
+        for step in self._plan:
+            path = self.runner.bag_path(step, len(self.past.failures(step.id)) + 1)
+            if self.past.finished(step.id) is None and path.exists():
+                raise StorageError(f"{path}: a bag of this name exists already and is not overwritten")
 
     def _end_cycle(self, step: CycleStep, item: pytest.Item) -> None:
         """After a cycle's last step: journal its verdict and what decided it; see whether the campaign goes on."""
