@@ -42,7 +42,8 @@ def named_finding(decision: Decision, index: int) -> Finding:
         (c for c in energy if energy[c] > max(4.0, 0.01 * max(energy.values()))), key=lambda c: -energy[c]
     )
     channels = channels or list(term.variant.channels[:1])
-    alternatives, twins = _alternatives(decision, index, without, gain)
+    alternatives, tests = _alternatives(decision, index, without, gain)
+    twins = list(tests)
     where = dict(term.effect.where(term.variant, term.values, view))
     if term.unit:
         where[term.unit_column] = [term.unit]
@@ -55,7 +56,7 @@ def named_finding(decision: Decision, index: int) -> Finding:
         expression=effect.expression(term.variant), source=effect.source, parameters=_parameters(decision, index),
         statement=statement(sentence, where, twins), alternatives=alternatives, equivalent_to=twins,
         held_out=_held_out(decision, index, channels, gain), strength=gain, term=term,
-        next_experiment=effect.next_experiment(term.variant),
+        next_experiment=_separating(effect.next_experiment(term.variant), tests),
     )  # fmt: skip
 
 
@@ -85,14 +86,28 @@ def _parameters(decision: Decision, index: int) -> list[ParameterValue]:
     return made
 
 
-def _alternatives(decision: Decision, index: int, without: Fit, gain: float) -> tuple[list[Alternative], list[str]]:
-    """Other effects in the place of a term: refitted beside the remaining ones."""
+def _separating(own: str, tests: dict[str, str]) -> str:
+    """The measurement that would tell a finding from what this table cannot tell from it."""
+    parts = [own] + [
+        f"To check for {effect}: {text}" for effect, text in list(tests.items())[:2] if text and text != own
+    ]
+    return " ".join(part for part in parts if part)
+
+
+def _alternatives(
+    decision: Decision, index: int, without: Fit, gain: float
+) -> tuple[list[Alternative], dict[str, str]]:
+    """Other effects in the place of a term, refitted beside the remaining ones.
+
+    Returns:
+        alternatives, and those among them that cannot be told apart with the measurement that each asks for.
+    """
     term = decision.best.terms[index]
     again = screen(decision.search.small, decision.search.variants, without.terms)
     ranked = decision.search.rank(without, shortlist(again.candidates)[:10])
     own = gain - PRICE * len(term.free())
     alternatives: list[Alternative] = []
-    twins: list[str] = []
+    twins: dict[str, str] = {}
     for r in ranked:
         effect = r.fit.terms[-1].effect.id
         if effect == term.effect.id or any(a.effect == effect for a in alternatives):
@@ -109,7 +124,7 @@ def _alternatives(decision: Decision, index: int, without: Fit, gain: float) -> 
             )
         )
         if twin:
-            twins.append(effect)
+            twins[effect] = r.fit.terms[-1].effect.next_experiment(r.fit.terms[-1].variant)
     return alternatives[:6], twins
 
 
