@@ -115,6 +115,23 @@ def storage_calls(at_call: int = -1) -> Iterator[list[int]]:
         yield count
 
 
+def count_ways(trial: Callable[[int], str], seeds: range) -> None:
+    """Run a trial for each seed; the count of each way to die is printed with -s.
+
+    Args:
+        trial: returns how its cycle died, or "not at all".
+        seeds: of which at least three quarters must really be killed.
+    """
+    ways: dict[str, int] = {}
+    for seed in seeds:
+        way = trial(seed)
+        ways[way] = ways.get(way, 0) + 1
+        sys.stdout.write(".")
+        sys.stdout.flush()
+    sys.stdout.write(f"\nkilled cycles: {ways}\n")
+    assert sum(count for way, count in ways.items() if way != "not at all") >= 0.75 * len(seeds)
+
+
 # -- what the sessions left
 
 

@@ -22,7 +22,7 @@ import pytest
 from arl_fixtures.journal.record import SessionRecord, read_journal
 from arl_fixtures.plugin.setup import SessionFiles
 from tests_bench.guarded_cycle import OVER, Kill, Laboratory, drive, laboratory, until
-from tests_bench.killed_cycles import check_equal, fork, journals, storage_calls, wait_for, whole_lines
+from tests_bench.killed_cycles import check_equal, count_ways, fork, journals, storage_calls, wait_for, whole_lines
 from tests_bench.plant_words import check_next_guard, check_safe, lost_s
 from tests_bench.small_cycle import BENCH, fast, files_for, run_cycle, write_files
 
@@ -230,17 +230,10 @@ def test_the_hosts_clock_may_jump_within_a_session_and_between_two(stand: Stand)
 
 @pytest.mark.slow
 def test_two_hundred_guarded_cycles(stand: Stand) -> None:
-    """All of them; the count of each way to die, and how soon the bench was safe, are printed with -s."""
-    ways: dict[str, int] = {}
-    for seed in range(2000, 2200):
-        way = trial(stand, seed)
-        ways[way] = ways.get(way, 0) + 1
-        sys.stdout.write(".")
-        sys.stdout.flush()
-    sys.stdout.write(f"\ncycles by who died: {ways}\n")
+    """All of them; how soon the bench was safe is printed with -s."""
+    count_ways(lambda seed: trial(stand, seed), range(2000, 2200))
     for whom, took_s in stand.safe_s.items():
         ordered = sorted(took_s)
         middle_s = ordered[len(ordered) // 2]
         sys.stdout.write(f"safe after the loss of {whom}: {len(ordered)} times, median {middle_s:.2f} s, ")
         sys.stdout.write(f"longest {ordered[-1]:.2f} s\n")
-    assert sum(count for way, count in ways.items() if way != "not at all") >= 150

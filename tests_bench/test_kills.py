@@ -8,7 +8,6 @@ of a random call that writes, syncs or renames, where half of the bytes are writ
 from __future__ import annotations
 
 import random
-import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ from arl_fixtures.journal.record import SessionRecord, read_journal
 from arl_fixtures.plugin.setup import SessionFiles
 from tests_bench.killed_cycles import (
     check_equal,
+    count_ways,
     die,
     finished_before,
     in_child,
@@ -135,12 +135,5 @@ def test_a_killed_cycle_resumed_is_an_undisturbed_one(stand: Stand, seed: int) -
 
 @pytest.mark.slow
 def test_two_hundred_killed_cycles(stand: Stand) -> None:
-    """All of them; the count of each way to die is printed with -s."""
-    ways: dict[str, int] = {}
-    for seed in range(1000, 1200):
-        way = trial(stand, seed)
-        ways[way] = ways.get(way, 0) + 1
-        sys.stdout.write(".")
-        sys.stdout.flush()
-    sys.stdout.write(f"\nkilled cycles: {ways}\n")
-    assert sum(count for way, count in ways.items() if way != "not at all") >= 150
+    """All of them."""
+    count_ways(lambda seed: trial(stand, seed), range(1000, 1200))
