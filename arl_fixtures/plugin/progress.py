@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -14,6 +15,10 @@ import pytest
 from arl_fixtures.bench.bench import BenchReading
 from arl_fixtures.bench.profile import CycleStep
 
+FALLBACK_COLUMNS: Final = 80
+BELOW: Final = "\x1bD\x1b[A\x1b7\r\n\x1b[2K"
+"""Make sure that there is a line below, remember the place, go there and empty it."""
+BACK: Final = "\x1b8"
 REFRESH_S: Final = 0.2
 PLAIN_EVERY_S: Final = 15.0
 
@@ -37,40 +42,60 @@ class TimeLeft:
 class Screen(Protocol):
     """Where progress is shown."""
 
-    def write(self, text: str) -> None:
-        """Show `text` at once."""
-
     @property
-    def terminal(self) -> bool:
-        """Whether the last line can be rewritten."""
+    def columns(self) -> int:
+        """Width of a terminal, whose status line can be replaced; 0 elsewhere."""
+
+    def show(self, line: str) -> None:
+        """Replace the status line on a terminal, add a line elsewhere; an empty one takes the status line away."""
 
 
 @final
 class PytestScreen:
     """The terminal of a pytest session, past its capturing.
 
+    The status line stands below the line that pytest is writing, and the cursor stays where pytest left it.
+
     Args:
         config: pytest's.
     """
 
     def __init__(self, config: pytest.Config) -> None:
-        reporter: Any = config.pluginmanager.get_plugin("terminalreporter")
+        self._reporter: Any = config.pluginmanager.get_plugin("terminalreporter")
         self._capture: Any = config.pluginmanager.get_plugin("capturemanager")
-        self._stream: TextIO = getattr(getattr(reporter, "_tw", None), "_file", None) or sys.stderr
-        self._fresh = False
+        self._stream: TextIO = getattr(getattr(self._reporter, "_tw", None), "_file", None) or sys.stderr
+        with self._uncaptured():
+            # while pytest captures, its own terminal is a file
+            self._terminal = self._stream.isatty()
 
     @property
-    def terminal(self) -> bool:
-        """Whether the stream is a terminal."""
-        return self._stream.isatty()
+    def columns(self) -> int:
+        """Width of the terminal as it is now; 0 when the stream is none."""
+        if not self._terminal:
+            return 0
+        with self._uncaptured():
+            try:
+                return os.get_terminal_size(self._stream.fileno()).columns or FALLBACK_COLUMNS
+            except OSError:
+                return FALLBACK_COLUMNS
 
-    def write(self, text: str) -> None:
-        """Show `text` at once."""
-        with self._capture.global_and_fixture_disabled() if self._capture else contextlib.nullcontext():
-            # pytest leaves its cursor behind the dots of the tests
-            self._stream.write(text if self._fresh or self.terminal else "\n" + text)
+    def show(self, line: str) -> None:
+        """Replace the status line on a terminal, add a line elsewhere."""
+        with self._uncaptured():
+            if self._terminal:
+                self._stream.write(BELOW + line + BACK)
+            elif line:
+                if self._reporter is not None:
+                    # pytest leaves its cursor behind the dots of the tests
+                    self._reporter.ensure_newline()
+                self._stream.write(line + "\n")
             self._stream.flush()
-        self._fresh = True
+
+    def _uncaptured(self) -> contextlib.AbstractContextManager[None]:
+        if self._capture is None:
+            return contextlib.nullcontext()
+        disabled: contextlib.AbstractContextManager[None] = self._capture.global_and_fixture_disabled()
+        return disabled
 
 
 @final
@@ -86,12 +111,11 @@ class Progress:
     def __init__(
         self, screen: Screen, *, steps_total: int, wall_s: Callable[[], float] = time.monotonic
     ) -> None:
-        self._screen, self._terminal, self._wall_s = screen, screen.terminal, wall_s
+        self._screen, self._terminal, self._wall_s = screen, screen.columns > 0, wall_s
         self._left = TimeLeft(steps_total, started_s=wall_s())
         self._shown_s = float("-inf")
-        self._width = 0
         self._step: CycleStep | None = None
-        self._temperatures = ""
+        self._temperatures: dict[str, str] = {}
         self._verdicts: dict[str, int] = {}
 
     def begin(self, step: CycleStep) -> None:
@@ -111,7 +135,9 @@ class Progress:
 
     def angle(self, index: int, count: int, angle_deg: float) -> None:
         """One more angle is recorded."""
-        self._show(f"angle {index + 1} of {count} ({angle_deg:+.1f}°)", 0.15 + 0.8 * (index + 1) / max(count, 1))
+        phase = f"angle {index + 1} of {count} ({angle_deg:+.1f}°)"
+        part = 0.15 + 0.8 * (index + 1) / max(count, 1)
+        self._show(phase, part, short=f"angle {index + 1}/{count}", force=index == 0 and not self._terminal)
 
     def end(self, verdict: str) -> None:
         """The step has its verdict."""
@@ -122,34 +148,39 @@ class Progress:
 
     def clear(self) -> None:
         """Make room for whoever writes next."""
-        if self._terminal and self._width:
-            self._screen.write("\r" + " " * self._width + "\r")
-            self._width = 0
+        if self._terminal:
+            self._screen.show("")
 
     def _note(self, reading: BenchReading) -> None:
-        shown = {name: "--" if value is None else f"{value:.1f}" for name, value in reading.housings_c.items()}
-        self._temperatures = " ".join(f"{name} {value}" for name, value in shown.items()) + " °C"
+        housings = reading.housings_c.items()
+        self._temperatures = {name: "--" if value is None else f"{value:.1f}" for name, value in housings}
 
-    def _show(self, phase: str, part: float, *, force: bool = False) -> None:
+    def _show(self, phase: str, part: float, *, short: str = "", force: bool = False) -> None:
         now_s = self._wall_s()
         every_s = REFRESH_S if self._terminal else PLAIN_EVERY_S
         if self._step is None or (not force and now_s - self._shown_s < every_s):
             return
         self._shown_s = now_s
-        left_s = self._left.seconds(now_s, part)
-        left = f"{int(left_s // 60)}:{int(left_s % 60):02d} left" if left_s is not None else ""
-        so_far = " ".join(f"{count} {name}" for name, count in sorted(self._verdicts.items()))
-        parts = (
-            f"cycle {self._step.cycle}",
-            f"{self._step.id} set {self._step.set_temperature_c:g} °C",
-            self._temperatures,
-            phase,
-            left,
-            so_far,
-        )
-        line = " | ".join(part for part in parts if part)
+        lines = self._lines(self._step, phase, short or phase, self._left.seconds(now_s, part))
         if self._terminal:
-            self._screen.write("\r" + line.ljust(self._width))
-            self._width = len(line)
+            # the last column stays free: there a terminal would wrap
+            room = max(self._screen.columns - 1, 1)
+            self._screen.show(next((line for line in lines if len(line) <= room), lines[-1][:room]))
         else:
-            self._screen.write(line + "\n")
+            self._screen.show(lines[0])
+
+    def _lines(self, step: CycleStep, phase: str, short: str, left_s: float | None) -> list[str]:
+        """The same in words and, where there is no room for them, shorter."""
+        left = f"{int(left_s // 60)}:{int(left_s % 60):02d}" if left_s is not None else ""
+        so_far = " ".join(f"{count} {name}" for name, count in sorted(self._verdicts.items()))
+        named = " ".join(f"{name} {value}" for name, value in self._temperatures.items())
+        bare = " ".join(self._temperatures.values())
+        set_to = f"set {step.set_temperature_c:g} °C"
+        to_go = f"{left} left" if left else ""
+        forms = (
+            (f"cycle {step.cycle}", f"{step.id} {set_to}", named and f"{named} °C", phase, to_go, so_far),
+            (f"{step.id} {set_to}", bare and f"{bare} °C", short, to_go, so_far),
+            # the step's name tells cycle and set temperature
+            (step.id, bare, short, left, so_far),
+        )
+        return [" | ".join(part for part in form if part) for form in forms]
