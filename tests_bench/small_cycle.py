@@ -87,6 +87,7 @@ class Quiet:
     """A screen that shows nothing."""
 
     terminal = False
+    columns = 0
 
     def write(self, text: str) -> None:
         """Nothing."""
