@@ -86,10 +86,9 @@ _EXPOSED: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=200))
 class Quiet:
     """A screen that shows nothing."""
 
-    terminal = False
     columns = 0
 
-    def write(self, text: str) -> None:
+    def show(self, line: str) -> None:
         """Nothing."""
 
 
