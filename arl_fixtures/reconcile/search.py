@@ -360,10 +360,12 @@ class Search:
 def evidence(ranked: Ranked) -> float:
     """What counts against the threshold: the gain over no mismatch, and enough over a mere pattern of pixels.
 
-    The threshold is the largest gain that chance gives to as many amplitudes, so their price is not asked again.
+    The threshold is the largest gain that chance gives to as many amplitudes, so a first effect pays no price for them
+    again. A further one does: it may live on what the first one's law does not quite say.
     """
     amplitudes = sum(not p.per for p in ranked.candidate.term.variant.amplitudes())
-    return min(ranked.gain / PATTERN_ODDS, ranked.robust) + PRICE * amplitudes
+    is_first = len(ranked.fit.terms) == 1
+    return min(ranked.gain / PATTERN_ODDS, ranked.robust) + (PRICE * amplitudes if is_first else 0.0)
 
 
 def constant_z(d: ChannelData, state: State) -> float:

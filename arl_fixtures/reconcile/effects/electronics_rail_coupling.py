@@ -16,6 +16,7 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
     span,
 )
+from arl_fixtures.reconcile.effects_logged import is_noisy, step_mean
 from arl_fixtures.reconcile.view import View
 
 _MOST_RAILS = 8
@@ -30,7 +31,7 @@ class RailCoupling(LightFactor):
     confusable = ("detector.gain_temperature", "laser.thermal_rolloff")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """One per rail; other voltages where no column is called a rail."""
+        """One per rail, two where its readings are noisy; other voltages where no column is called a rail."""
         volts = [name for name in view.covariates("_v") if name != "pixel_v"]
         rails = [name for name in volts if name.startswith("rail_")] or [name for name in volts if "tec" not in name]
         for channel in signals(view)[:1]:
@@ -39,18 +40,21 @@ class RailCoupling(LightFactor):
                 if middle == 0.0:
                     continue
                 most = 2.0 * abs(middle) / span(view, rail)
-                yield Variant(
-                    effect=self.id,
-                    options={"channel": channel, "rail": rail, "reference": middle},
-                    parameters=(amplitude("coupling", "1", -most, most, 0.02 * most),),
-                    channels=light_channels(view, channel),
-                    drivers=(rail,),
-                )
+                for reading in ("step mean", "each") if is_noisy(view, rail) else ("each",):
+                    yield Variant(
+                        effect=self.id,
+                        options={"channel": channel, "rail": rail, "reading": reading, "reference": middle},
+                        parameters=(amplitude("coupling", "1", -most, most, 0.02 * most),),
+                        channels=light_channels(view, channel),
+                        drivers=(rail,),
+                    )
 
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Relative gain at the row's supply."""
         middle = float(variant.options["reference"])
-        deviation = np.nan_to_num(view.number(str(variant.options["rail"])) / middle - 1.0)
+        rail = str(variant.options["rail"])
+        volts = step_mean(view, rail) if variant.options["reading"] == "step mean" else view.number(rail)
+        deviation = np.nan_to_num(volts / middle - 1.0)
         return np.maximum(1.0 + float(values["coupling"]) * deviation, 0.01)
 
     def expression(self, variant: Variant) -> str:

@@ -157,6 +157,18 @@ def test_rail_coupling_follows_the_rail_and_nothing_else():
     assert fit(view, variant, "signal_counts", {"coupling": 0.5})["coupling"] == pytest.approx(1.0, rel=1e-3)
 
 
+def test_rail_coupling_is_not_weakened_by_noisy_readings_of_the_rail():
+    rng = np.random.default_rng(4)
+    step = np.repeat(np.arange(12.0), 60)
+    true = (3.3 + rng.normal(0.0, 0.01, 12))[step.astype(int)]
+    read = true + rng.normal(0.0, 0.01, step.size)
+    view = table(
+        step=step, rail_3v3_v=read, sim_signal_counts=1000.0, signal_counts=1000.0 * true / np.median(read)
+    )
+    variant = variant_of(view, "electronics.rail_coupling", reading="step mean")
+    assert fit(view, variant, "signal_counts", {"coupling": 0.5})["coupling"] == pytest.approx(1.0, rel=0.05)
+
+
 def test_pixel_gains_and_dead_pixels_are_fields():
     view = View(bench(columns=(58, 64), rows=(12, 16), angles=(0.0, 0.9, 2), steps=2))
     pixel = view.group("dut", "pixel_u", "pixel_v")
