@@ -158,7 +158,7 @@ class Decision:
         return (PICTURE_SHARE if picture else MISFIT_SHARE) * self._plain_gain(term)
 
     def _plain_gain(self, term: Term) -> float:
-        """Half the drop of the sum of squares that a term brings to independent rows, as it is counted for a pattern."""
+        """Half the drop of the sum of squares that a term brings to independent rows, as counted for a pattern."""
         others = [t for t in self.best.terms if t is not term]
         base, moved = forward(others, self.problem.view), forward([*others, term], self.problem.view)
         total = 0.0

@@ -360,8 +360,8 @@ class Search:
 def evidence(ranked: Ranked) -> float:
     """What counts against the threshold: the gain over no mismatch, and enough over a mere pattern of pixels.
 
-    The threshold is the largest gain that chance gives to as many amplitudes, so a first effect pays no price for them
-    again. A further one does: it may live on what the first one's law does not quite say.
+    The threshold is the largest gain that chance gives to as many amplitudes, so a first effect pays no price for
+    them again. A further one does: it may live on what the first one's law does not quite say.
     """
     amplitudes = sum(not p.per for p in ranked.candidate.term.variant.amplitudes())
     is_first = len(ranked.fit.terms) == 1

@@ -162,9 +162,7 @@ def test_rail_coupling_is_not_weakened_by_noisy_readings_of_the_rail():
     step = np.repeat(np.arange(12.0), 60)
     true = (3.3 + rng.normal(0.0, 0.01, 12))[step.astype(int)]
     read = true + rng.normal(0.0, 0.01, step.size)
-    view = table(
-        step=step, rail_3v3_v=read, sim_signal_counts=1000.0, signal_counts=1000.0 * true / np.median(read)
-    )
+    view = table(step=step, rail_3v3_v=read, sim_signal_counts=1000.0, signal_counts=1000.0 * true / np.median(read))
     variant = variant_of(view, "electronics.rail_coupling", reading="step mean")
     assert fit(view, variant, "signal_counts", {"coupling": 0.5})["coupling"] == pytest.approx(1.0, rel=0.05)
 
