@@ -207,6 +207,12 @@ def law_finding(decision: Decision, law: Law) -> Finding:
         blocks=decision.problem.groups.block_name, before=left.before, after=left.after,
         explained=float(min(max(explained, 0.0), 1.0)), gain=gain,
     )  # fmt: skip
+    if law.terms and not law.trees and law.confirmed > 0.0:
+        whole = held_out_of([d], bare, final, held.blocks, gain)
+        held = HeldOut(
+            blocks=held.blocks, before=whole.before, gain=gain, explained=law.confirmed * whole.explained,
+            after=whole.before - law.confirmed * (whole.before - whole.after),
+        )  # fmt: skip
     return Finding(
         effect="unknown", channels=[law.channel], where=where, drivers=drivers, expression=law.expression,
         source="", parameters=parameters, statement=statement(text, where, []), held_out=held,

@@ -40,6 +40,7 @@ class Chosen:
     Attributes:
         held: log-likelihood gained on unseen blocks.
         z: its significance over blocks.
+        inside: the same on the rows of the fit itself.
         left: whitened residual; freedom: parameters that the fit used up, and what their choice is worth.
     """
 
@@ -50,6 +51,7 @@ class Chosen:
     z: float = 0.0
     left: FloatArray = field(default_factory=lambda: np.zeros(0))
     freedom: float = 0.0
+    inside: float = 0.0
 
 
 def find_terms(work: Work, pool: Sequence[Candidate]) -> Chosen:
@@ -121,9 +123,11 @@ def joint(work: Work, terms: list[Candidate]) -> Chosen:
     spread = float(np.sqrt(np.sum((gains - gains.mean()) ** 2)))
     split = np.cumsum([len(t.vectors) for t in terms])[:-1]
     errors = np.sqrt(np.maximum(np.diag(inverse), 0.0))
+    left = work.residual - values @ vectors
     return Chosen(
         terms=terms, values=np.split(values, split), errors=np.split(errors, split), held=float(gains.sum()),
-        z=float(gains.sum()) / spread if spread > 0 else 0.0, left=work.residual - values @ vectors,
+        z=float(gains.sum()) / spread if spread > 0 else 0.0, left=left,
+        inside=0.5 * float(work.residual @ work.residual - left @ left),
         freedom=float(np.trace(inverse @ gram)) + sum(t.basis.price for t in terms),
     )  # fmt: skip
 
@@ -207,7 +211,7 @@ def law_of(chosen: Chosen, data: ChannelData) -> Law:
     ratio = max(len(data.use) / MOST_ROWS, 1.0)
     return Law(
         channel=data.channel.name, relative=relative, terms=terms, drivers=drivers, law_gain=chosen.held * ratio,
-        gain=chosen.held * ratio,
+        gain=chosen.held * ratio, confirmed=float(np.clip(chosen.held / max(chosen.inside, 1e-9), 0.0, 1.0)),
     )  # fmt: skip
 
 
