@@ -28,6 +28,7 @@ HALVINGS = 5
 FIRST_STEP, LAST_STEP = 0.35, 0.002
 """Steps of the refinement, as shares of the amplitude."""
 MOST_TRIALS = 60
+SECANT_TRIALS = 14
 VISIBLE = 2.0
 """Change in standard errors that a secant of a rough parameter aims at: what an interval of 95 % rests on."""
 
@@ -168,6 +169,8 @@ def refine(gain: Gain, start: FloatArray, scale: FloatArray, low: FloatArray, hi
 def secant(problem: Problem, state: State, moved: Callable[[float], State | None], start: float) -> FloatArray:
     """Whitened change per unit of a rough parameter, over the step that changes about `VISIBLE` standard errors.
 
+    Where a single ray changes more at once, the step is that to the ray's crossing. Of both directions the longer.
+
     Args:
         problem: rows and weights.
         state: at the parameter's value.
@@ -176,19 +179,24 @@ def secant(problem: Problem, state: State, moved: Callable[[float], State | None
     """
     widest: tuple[float, FloatArray] | None = None
     for sign in (1.0, -1.0):
-        step, change = start, None
-        for _ in range(12):
+        below, above, step = 0.0, np.inf, start
+        change: FloatArray | None = None
+        for _ in range(SECANT_TRIALS):
             there = moved(sign * step)
             if there is None:
-                break
-            change = problem.whiten_change(state, there)
-            length = float(np.sqrt(change @ change))
-            if 0.6 * VISIBLE < length < 1.7 * VISIBLE:
-                break
-            factor = float(np.clip(VISIBLE / max(length, 1e-12), 0.35, 3.0))
-            if length > VISIBLE and step * factor < 1e-4 * start:
-                break
-            step *= factor
+                above = step
+            else:
+                seen = problem.whiten_change(state, there)
+                length = float(np.sqrt(seen @ seen))
+                if length < VISIBLE:
+                    below = step
+                else:
+                    above = step
+                if length > 0.0:
+                    change = seen * (VISIBLE / length)
+                if 0.8 * VISIBLE < length < 1.2 * VISIBLE:
+                    break
+            step = 4.0 * step if np.isinf(above) else 0.25 * step if below == 0.0 else float(np.sqrt(below * above))
         if change is not None and (widest is None or step > widest[0]):
             widest = step, change / (sign * step)
     return np.zeros(len(problem.whiten_state(state))) if widest is None else widest[1]
