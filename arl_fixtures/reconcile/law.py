@@ -148,7 +148,7 @@ class Law:
         """The law in one line."""
         head = f"{self.channel} *= 1 + " if self.relative else f"{self.channel} += "
         if not self.terms and not self.trees:
-            return f"{self.channel}: by {', '.join(self.drivers)}, in every group otherwise"
+            return f"{self.channel} depends on {', '.join(self.drivers)}; no law predicts unseen rows"
         body = " + ".join(f"c{k + 1}*{term.text}" for k, term in enumerate(self.terms)) or "0"
         return head + body + (" + trees(" + ", ".join(self.binned_names[:4]) + ", ...)" if self.trees else "")
 

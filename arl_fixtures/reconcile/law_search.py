@@ -26,7 +26,7 @@ from arl_fixtures.reconcile.roles import Role
 
 MOST_TERMS = 5
 MOST_PASSES = 3
-MOST_MARKS = 16
+MOST_MARKS = 20
 CLOSE, CLOSE_SHARE = 2.0, 0.03
 """Of candidates that differ by less (log-likelihood, or share of the best) the simplest is taken."""
 LEAST_GAIN, FURTHER_GAIN, FURTHER_SHARE = 1.0, 4.0, 0.01
@@ -140,11 +140,7 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
     """
     leading = [n for n in leading if n in looker.features]
     tau = {**data.tau, "pixel": 0.0, "angle": 0.0, "frame": 0.0}
-    view = looker.problem.view
-    marks = [
-        axis for name in looker.features if not name.startswith(("~", "sim_")) and view.is_category(name)
-        for axis in axes_of(name, looker.features[name], view.labels(name))
-    ][:MOST_MARKS]  # fmt: skip
+    marks = _marks(looker)
     law, chosen = law_of(Chosen(), data), Chosen()
     for _ in range(MOST_PASSES):
         work = Work(data, state, looker.features, tau)
@@ -167,9 +163,11 @@ def narrowed(work: Work, chosen: Chosen, marks: Sequence[Axis]) -> Chosen:
         best = chosen
         for mark in marks:
             basis = chosen.terms[place].basis
-            if basis.waves or mark.column in basis.columns:
+            if mark.column in basis.columns:
                 continue
-            item = work.candidate(replace(basis, axes=(*basis.axes, mark), price=basis.price + 2.0))
+            waves = tuple((*product, mark) for product in basis.waves)
+            axes = basis.axes if waves else (*basis.axes, mark)
+            item = work.candidate(replace(basis, axes=axes, waves=waves, price=basis.price + 2.0))
             rest = [t for k, t in enumerate(chosen.terms) if k != place]
             gain, item.width = evidence(item.gram, item.vectors @ joint(work, rest).left, basis.prior)
             item.gain = gain - item.basis.price
@@ -178,6 +176,23 @@ def narrowed(work: Work, chosen: Chosen, marks: Sequence[Axis]) -> Chosen:
                 best = trial
         chosen = best
     return chosen
+
+
+def _marks(looker: Looker) -> list[Axis]:
+    """Functions that are 0 but in one category, or at one of the two levels of a column."""
+    view = looker.problem.view
+    marks: list[Axis] = []
+    for name, values in looker.features.items():
+        if name.startswith(("~", "sim_")):
+            continue
+        if view.is_category(name):
+            marks += axes_of(name, values, view.labels(name))
+            continue
+        levels = np.unique(values[np.isfinite(values)])
+        if len(levels) == 2:
+            width = float(levels[1] - levels[0])
+            marks += [Axis(column=name, kind="linear", middle=float(x), width=width) for x in levels]
+    return marks[:MOST_MARKS]
 
 
 def confirm(work: Work, bases: Sequence[Basis]) -> Chosen:
