@@ -40,6 +40,10 @@ surfaces, columns, directions where the physics does; keep to about ten variants
 the engine estimates one value per level (shrunk towards null) and hands `apply` an array of the view's rows under
 its name.
 
+**Jumps**: an operator that changes nothing until something flips (a sharp ray crosses an edge) sets `rough=True` on
+its variants: they are found by trials of finite size (`direct`), not by derivatives. An effect that by its nature
+acts on all units alike sets `shared = True`.
+
 **Scatter**: effects on noise act on `state["X_std"]` (one frame's scatter). `bench.repeatability` is of `kind =
 Kind.GROUP_SCATTER`: it moves no mean; the engine estimates the shared scatter itself, `apply` changes nothing.
 """
