@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -38,6 +39,24 @@ Gain = Callable[[FloatArray], float]
 def loss(z: FloatArray) -> FloatArray:
     """Student's negative log-likelihood of unit variables, z²/2 for small ones."""
     return np.asarray(0.5 * (FREEDOM + 1.0) * np.log1p(z * z / (FREEDOM + 1.0)))
+
+
+@contextmanager
+def undiminished(problem: Problem) -> Iterator[None]:
+    """The problem with every row at its full weight, for a loss that is robust by itself.
+
+    Rows at crossed edges pass for outliers and for patterns of pixels and angles until a displacement explains them.
+    """
+    kept = [(d, d.trust, d.tau) for d in problem.data]
+    for d, _, tau in kept:
+        d.trust = np.ones(len(d.use))
+        d.rebuild({name: value for name, value in tau.items() if name == "step"})
+    try:
+        yield
+    finally:
+        for d, trust, tau in kept:
+            d.trust = trust
+            d.rebuild(tau)
 
 
 def directions(count: int) -> FloatArray:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
-from arl_fixtures.reconcile.direct import FIRST_STEP, loss, refine, secant
+from arl_fixtures.reconcile.direct import FIRST_STEP, loss, refine, secant, undiminished
 from arl_fixtures.reconcile.effect import Parameter, State
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.terms import Term, forward
@@ -117,7 +117,8 @@ def _by_trials(problem: Problem, terms: tuple[Term, ...], rounds: int) -> tuple[
     share = FIRST_STEP if rounds > SHORT else SHORT_STEP
     for index, term in enumerate(terms):
         if term.variant.rough:
-            terms = _refined(problem, terms, index, share)
+            with undiminished(problem):
+                terms = _refined(problem, terms, index, share)
     return terms
 
 

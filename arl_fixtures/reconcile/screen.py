@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
-from arl_fixtures.reconcile.direct import loss, outwards
+from arl_fixtures.reconcile.direct import loss, outwards, undiminished
 from arl_fixtures.reconcile.effect import Effect, Kind, State, Variant
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.terms import Term, default_values, forward
@@ -192,7 +192,9 @@ def screen(
                 np.maximum(best_by_chance, _chance(tangents, noise, variant), out=best_by_chance)
         if variant.rough:
             places = (unit, labels, column) if alone else (np.zeros_like(unit), ("",), "")
-            best = _rough(problem, others, base, residual, effect, variant, best, places, noise, best_by_chance)
+            with undiminished(problem):
+                whole = problem.whiten_state(base)
+                best = _rough(problem, others, base, whole, effect, variant, best, places, noise, best_by_chance)
         found.extend(best.values())
     found.sort(key=lambda c: (-c.gain, c.term.label))
     return Screening(candidates=tuple(found), chance=np.sort(best_by_chance))
