@@ -9,6 +9,8 @@ from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.terms import forward
 
+MOST_LEFT = 3.0
+"""Standard errors to which rows left by a rough term are held back."""
 PRIOR_GROUPS = 20.0
 """Groups on which the noise model's own covariance counts as resting."""
 
@@ -24,7 +26,11 @@ def robust_gain(problem: Problem, found: Fit, first: int, gain: float) -> float:
     if gain <= 0.0 or len(found.terms) == first:
         return gain
     others = forward(found.terms[:first], problem.view)
-    change = problem.whiten_change(others, found.state)
+    change, residual = problem.whiten_change(others, found.state), found.residual
+    if any(term.variant.rough for term in found.terms):
+        # rays that cross an edge a digit too early are no error that rows share
+        held = np.minimum(1.0, MOST_LEFT / np.maximum(np.abs(residual), MOST_LEFT))
+        change, residual = change * held, residual * held
     kept = [k for k, (index, _) in enumerate(found.keys) if index < first]
     if kept:
         basis, _ = np.linalg.qr(found.jacobian[:, kept])
@@ -40,7 +46,7 @@ def robust_gain(problem: Problem, found: Fit, first: int, gain: float) -> float:
         count = int(group.max()) + 1
         if count < 4:
             continue
-        scores = np.bincount(group, change * found.residual, minlength=count)
+        scores = np.bincount(group, change * residual, minlength=count)
         ratio = float(scores @ scores) / power * count / (count - 1.0)
         ratio = max((PRIOR_GROUPS + count * ratio) / (PRIOR_GROUPS + count), 1.0)
         freedom = PRIOR_GROUPS + count - 1.0
