@@ -119,7 +119,11 @@ class Progress:
         self._verdicts: dict[str, int] = {}
 
     def begin(self, step: CycleStep) -> None:
-        """A step begins."""
+        """A step begins; the sweep that references are made of is one more, and ends without a verdict."""
+        if self._step is not None and self._step.index < 0:
+            self._left.done += 1
+        if step.index < 0:
+            self._left.steps_total += 1
         self._step = step
         self._show("settling", 0.0, force=not self._terminal)
 

@@ -58,3 +58,12 @@ def test_elsewhere_there_are_lines_for_each_phase_and_now_and_then():
     assert "angle 1 of 134" in lines[1]
     assert 134 / 15 < len(lines) < 134 / 15 + 5
     assert "PASS" in lines[-1]
+
+
+def test_the_reference_sweep_counts_as_a_step_of_its_own():
+    screen, now = Screen(0), [0.0]
+    progress = Progress(screen, steps_total=4, wall_s=lambda: now[0])
+    progress.begin(CycleStep(0, -1, 25.0, 1))
+    now[0] = 60.0
+    progress.begin(CycleStep(0, 0, 20.0, -1))
+    assert "| 4:00 left" in screen.lines[-1]
