@@ -39,7 +39,7 @@ _IMAGES: Final = (
 )
 
 KEPT_SWEEPS: Final = 2
-"""Ascending sweeps repeat exactly; some 12 MB each at full resolution."""
+"""Ascending sweeps repeat exactly; some 15 MB each at full resolution."""
 ANGLE_DIGITS: Final = 6
 EDGE_PX: Final = 1.25
 """Half a pixel for its own field, the rest is 3.5 times what mount (0.2°), K and targets are known to: a pixel that

@@ -24,7 +24,7 @@ Float64Array = npt.NDArray[np.float64]
 EXPECTATIONS: Final = "cache"
 """Folder in a session's output."""
 MOST_OF_A_DUT: Final = 2
-"""Ascending sweeps repeat exactly, others never do; each is some 12 MB at full resolution."""
+"""Ascending sweeps repeat exactly, others never do; each is some 15 MB at full resolution."""
 
 
 @final

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from arl_fixtures.metrics.calibration.adjustment import adjust
+from arl_fixtures.metrics.calibration.adjustment import PLACE_PX, adjust
 from arl_fixtures.metrics.calibration.circles import Centres, circle_plan, find_centres
 from arl_fixtures.metrics.geometry import GeometryCache
 from arl_fixtures.metrics.reference import NotMeasurableError
@@ -74,25 +74,31 @@ def test_planted_deviations_come_back_with_their_uncertainty(plan):
         total = found.repeatability + sum(found.by_group.values())
         error = np.array([found.offsets[name] - truth[name] for name in found.names])
         scores.append(error / np.sqrt(np.diag(total)))
-    # the allowance for alike residuals of one circle costs a tenth where there are none
+    # the allowance for alike residuals of one place costs a tenth where there are none
     spread = np.sqrt(np.mean(np.square(scores), axis=0))
     assert np.all(spread > 0.6)
     assert np.all(spread < 1.25)
 
 
-def test_residuals_alike_within_a_circle_widen_the_uncertainty(plan):
+def test_residuals_alike_where_circles_of_a_row_pass_widen_the_uncertainty(plan):
     field = plan.circles
     rng = np.random.default_rng(2)
     m = len(field.angle)
     alone = 0.01 * rng.standard_normal((m, 2))
-    of_circle = 0.01 * rng.standard_normal((int(field.circle.max()) + 1, 2))[field.circle]
+    # what a sampling does: by the place in the image, whichever circle, target and angle it is
+    row = np.unique(np.rint(1e6 * field.up_m), return_inverse=True)[1]
+    column = (field.pixels()[:, 0] / PLACE_PX).astype(int)
+    of_place = 0.01 * rng.standard_normal((row.max() + 1, column.max() + 1, 2))[row, column]
     variance = np.full((m, 2), 0.01**2)
     usable = np.ones(m, bool)
     single, alike = (
-        adjust(field, Centres(usable, deviation, variance), BENCH, {}) for deviation in (alone, of_circle)
+        adjust(field, Centres(usable, deviation, variance), BENCH, {}) for deviation in (alone, of_place)
     )
     ratio = np.sqrt(np.diag(alike.repeatability) / np.diag(single.repeatability))
     assert np.all(ratio > 2.0)
+    # the order of residuals is that of the centres they are given with
+    turned = np.arange(m)[::-1]
+    assert np.allclose(alike.scaled(alike.residuals[turned], turned), alike.repeatability)
 
 
 def test_wild_centres_lose_their_weight(plan):

@@ -106,7 +106,7 @@ def test_what_is_not_pass_is_told_in_words_not_by_colour_alone(tmp_path, number,
 
 def test_missing_maps_are_named_and_the_rest_is_there(tmp_path):
     page = Page(html_page(report_of(one_step(tmp_path, 0.0, "PASS"))))
-    assert "Missing: the bench file is not at hand" in page.text
+    assert "Missing of c0000-00-up+25C: the bench file is not at hand" in page.text
     assert "Signatures" in page.text
 
 
