@@ -216,8 +216,9 @@ class Decision:
         if d.channel.role is Role.SCATTER:
             return False
         acting = [t for t in self.best.terms if d.channel.name in self.energy(t)]
-        if not acting:
-            return False
+        patterns = [p for p in self.patterns if d.channel.name in p.term.variant.channels]
+        if not acting or (len(acting) + len(patterns) < 2 and not is_structure(self.after[d.channel.name])):
+            return False  # one name that leaves nothing behind is not beaten by what has no physics
         own = forward(self.terms, self.problem.view)
         bare = forward([t for t in self.terms if t not in acting], self.problem.view)
         law, chosen = search_law(self.found.looker, d, bare, self._leading(d))

@@ -360,12 +360,13 @@ class Search:
 def evidence(ranked: Ranked) -> float:
     """What counts against the threshold: the gain over no mismatch, and enough over a mere pattern of pixels.
 
-    The threshold is the largest gain that chance gives to as many amplitudes, so a first effect pays no price for
-    them again. A further one does: it may live on what the first one's law does not quite say.
+    The threshold is the largest gain that chance gives to as many amplitudes, so the first effect on a channel pays
+    no price for them again. A further one does: it may live on what the first one's law does not quite say.
     """
-    amplitudes = sum(not p.per for p in ranked.candidate.term.variant.amplitudes())
-    is_first = len(ranked.fit.terms) == 1
-    return min(ranked.gain / PATTERN_ODDS, ranked.robust) + (PRICE * amplitudes if is_first else 0.0)
+    variant = ranked.candidate.term.variant
+    amplitudes = sum(not p.per for p in variant.amplitudes())
+    is_further = any(set(term.variant.channels) & set(variant.channels) for term in ranked.fit.terms[:-1])
+    return min(ranked.gain / PATTERN_ODDS, ranked.robust) + (0.0 if is_further else PRICE * amplitudes)
 
 
 def constant_z(d: ChannelData, state: State) -> float:
