@@ -43,6 +43,8 @@ LAW_EVIDENCE, LAW_GAIN, LAW_Z = 4.0, 7.0, 2.4
 """Where nothing else tells of a mismatch, a law's first term must earn this beyond its price, and the law must gain
 this on unseen blocks, this surely."""
 PIXEL_COLUMNS = frozenset({"pixel_u", "pixel_v", "azimuth_deg", "elevation_deg"})
+BEATEN_PLAIN = 0.03
+"""Share of what the names explain to independent rows by which a law without physics must at least be better."""
 PICTURE_SHARE = 0.3
 """Share of what an effect over the image explains that a free pattern of pixels must gain beside it."""
 CONSTANT_Z = 8.0
@@ -229,7 +231,8 @@ class Decision:
         price = PRICE * sum(len(t.free()) for t in acting)
         named = d.fit_scatter(d.residual(own))[0] - base - price
         lawful = d.fit_scatter(d.measured - d.expect * corrected[d.use])[0] - base - chosen.freedom
-        return lawful > named + max(BEATEN_BY, BEATEN_SHARE * named)
+        plain = sum(self._plain_gain(t) for t in acting)  # free scatters of pixels or steps hide most of a gain
+        return lawful > named + max(BEATEN_BY, BEATEN_SHARE * named, BEATEN_PLAIN * plain)
 
     def _mostly_in(self, term: Term, names: set[str]) -> bool:
         energy = self.energy(term)
