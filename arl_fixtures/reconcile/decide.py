@@ -37,9 +37,9 @@ LEFT_SHARE = 0.25
 """Largest share of a channel's mismatch that may stay predictable under a name."""
 UNKNOWN_SHARE = 0.08
 """Share above which what is left is reported as a finding of its own."""
-BEATEN_BY, BEATEN_SHARE = 8.0, 0.05
+BEATEN_BY, BEATEN_SHARE = 12.0, 0.05
 """By how much a law must do better than names before these are refused: log-likelihood, or share of their gain."""
-LAW_EVIDENCE, LAW_GAIN, LAW_Z = 4.0, 7.0, 2.4
+LAW_EVIDENCE, LAW_GAIN, LAW_Z = 6.0, 9.0, 3.0
 """Where nothing else tells of a mismatch, a law's first term must earn this beyond its price, and the law must gain
 this on unseen blocks, this surely."""
 PIXEL_COLUMNS = frozenset({"pixel_u", "pixel_v", "azimuth_deg", "elevation_deg"})
