@@ -31,7 +31,7 @@ from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.search import MISFIT_SHARE, PRICE, Found, Search, constant_z
 from arl_fixtures.reconcile.terms import Term, forward
 
-STRUCTURE_Z, STRUCTURE_GAIN = 3.7, 12.0
+STRUCTURE_Z, STRUCTURE_GAIN, LEAST_Z = 3.7, 12.0, 2.0
 """A physics-free model must gain this much on unseen blocks before there is said to be a mismatch at all."""
 LEFT_SHARE = 0.25
 """Largest share of a channel's mismatch that may stay predictable under a name."""
@@ -64,9 +64,9 @@ def _ordered(findings: list[Finding], names: int) -> list[Finding]:
 def is_structure(seen: Structure) -> bool:
     """Whether a channel's residual holds something that unseen blocks confirm.
 
-    What sits in few blocks only has a low z for its gain: it must gain more.
+    What sits in few blocks only has a low z for its gain: it must gain more. Below `LEAST_Z` it is a single block's.
     """
-    return seen.gain > STRUCTURE_GAIN * max(1.0, (STRUCTURE_Z / max(seen.z, 0.1)) ** 2)
+    return seen.z > LEAST_Z and seen.gain > STRUCTURE_GAIN * max(1.0, (STRUCTURE_Z / seen.z) ** 2)
 
 
 def _important(seen: Structure) -> list[str]:
