@@ -19,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 
-from arl_fixtures.metrics.block import AngleBlock
 from arl_fixtures.metrics.conditions import Conditions
 from arl_fixtures.metrics.geometry import GeometryCache
 from arl_fixtures.metrics.judge import judge, overall
@@ -27,12 +26,12 @@ from arl_fixtures.metrics.limits import load_limits
 from arl_fixtures.metrics.measurement import Measurement
 from arl_fixtures.metrics.reference import Reference
 from arl_fixtures.metrics.registry import all_metrics, measure, remember
+from arl_fixtures.metrics.simulated import simulated_blocks
 from arl_fixtures.metrics.statistics import SweepStatistics
 from arl_fixtures.metrics.step import BenchUncertainty, StepData
 from arl_fixtures.twin.beam import BeamSettings, PowerPatch
 from arl_fixtures.twin.frame import Renderer
-from arl_fixtures.twin.noise import FrameCoder, NoiseSettings, scatter
-from arl_fixtures.twin.operating import operating_data
+from arl_fixtures.twin.noise import NoiseSettings
 from arl_fixtures.twin.scene import SceneSettings
 from arl_fixtures.twin.settings import DutSettings, Mount
 
@@ -115,27 +114,6 @@ def a_chamber(rng: np.random.Generator) -> SceneSettings:
     return SceneSettings(panels=tuple(panels))
 
 
-def blocks(renderer: Renderer, seed: int, off_deg: np.ndarray) -> Iterator[AngleBlock]:
-    dut = renderer.dut
-    for k, angle_deg in enumerate(ANGLES_DEG):
-        coder = FrameCoder(scatter(renderer.expected(angle_deg + off_deg[k]), dut.noise), dut.noise)
-        counts, codes = coder.code(seed, range(k * FRAMES, (k + 1) * FRAMES))
-        intensity = np.zeros((FRAMES, 2, dut.rows, dut.columns), np.uint16)
-        distance_m = np.full(intensity.shape, np.nan, np.float32)
-        intensity[:, 0] = counts
-        distance_m[:, 0] = np.where(codes == dut.noise.no_return_code, np.nan, codes * dut.noise.range_step_m)
-        yield AngleBlock(
-            dut=dut.serial,
-            angle_index=k,
-            stage_angle_deg=angle_deg,
-            time_ns=np.arange(FRAMES) + 1_000_000 * k,
-            intensity_counts=intensity,
-            distance_m=distance_m,
-            row_valid=np.ones((FRAMES, dut.rows), bool),
-            operating=operating_data(dut.operating, 25.0, np.random.default_rng((seed, k))),
-        )
-
-
 def a_step(
     actual: DutSettings,
     scene: SceneSettings,
@@ -149,7 +127,8 @@ def a_step(
         # rays depend on K, δ and mount only, and are the dearest part of a new renderer
         renderer.__dict__["rays"] = optics.rays
     statistics = SweepStatistics(FILE.serial)
-    for block in blocks(renderer, int(rng.integers(2**31)), off_deg):
+    seed = int(rng.integers(2**31))
+    for block in simulated_blocks(renderer, ANGLES_DEG, frames=FRAMES, seed=seed, off_deg=off_deg):
         statistics.add(block)
     sweep = statistics.summary()
     return StepData(

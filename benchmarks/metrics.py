@@ -15,7 +15,6 @@ import tempfile
 import time
 from pathlib import Path
 
-import numpy as np
 from mcap.reader import make_reader
 
 from arl_fixtures.metrics.collect import collect
@@ -25,6 +24,7 @@ from arl_fixtures.metrics.judge import judge
 from arl_fixtures.metrics.limits import load_limits
 from arl_fixtures.metrics.reference import Reference
 from arl_fixtures.metrics.registry import measure, remember
+from arl_fixtures.metrics.simulated import simulated_blocks
 from arl_fixtures.metrics.statistics import SweepStatistics
 from arl_fixtures.metrics.step import StepData
 from arl_fixtures.recording.metadata import StepMetadata
@@ -32,7 +32,7 @@ from arl_fixtures.recording.reader import StepBag
 from arl_fixtures.recording.writer import StepBagWriter
 from arl_fixtures.twin.frame import Renderer
 from arl_fixtures.twin.settings import DutSettings
-from benchmarks.metric_coverage import ANGLES_DEG, FRAMES, LIMITS, blocks
+from benchmarks.metric_coverage import ANGLES_DEG, FRAMES, LIMITS
 
 DUTS = tuple(DutSettings(serial=f"SN-{k}", height_m=height_m) for k, height_m in enumerate((0.1, 0.0, -0.1), start=1))
 MOST_RATIO = 3.0
@@ -57,8 +57,8 @@ def write_bag(folder: Path) -> Path:
         limits_sha256="",
     )
     with StepBagWriter(folder / "bag", metadata) as bag:
-        still = np.zeros(len(ANGLES_DEG))
-        for row in zip(*(blocks(Renderer(dut), k, still) for k, dut in enumerate(DUTS)), strict=True):
+        sweeps = [simulated_blocks(Renderer(dut), ANGLES_DEG, frames=FRAMES, seed=k) for k, dut in enumerate(DUTS)]
+        for row in zip(*sweeps, strict=True):
             for block in row:
                 bag.block(block)
         bag.close()

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
-
-import numpy as np
 
 from arl_fixtures.metrics.block import AngleBlock
 from arl_fixtures.metrics.conditions import Conditions
 from arl_fixtures.metrics.geometry import GeometryCache
 from arl_fixtures.metrics.measurement import Measurement
+from arl_fixtures.metrics.simulated import simulated_blocks
 from arl_fixtures.metrics.statistics import SweepStatistics, SweepSummary
 from arl_fixtures.metrics.step import StepData
 from arl_fixtures.twin.frame import Renderer
-from arl_fixtures.twin.noise import code_frames, scatter
 from arl_fixtures.twin.operating import operating_data
 from arl_fixtures.twin.scene import SceneSettings
 from arl_fixtures.twin.settings import DutSettings
@@ -40,26 +38,14 @@ class SimulatedBench:
         self.renderer = Renderer(self.actual or self.dut, self.actual_scene or self.scene)
 
     def blocks(self, seed: int, operating: dict[str, float] | None = None) -> Iterator[AngleBlock]:
-        dut = self.renderer.dut
-        for k, angle_deg in enumerate(self.angles_deg):
-            numbers = range(k * self.frames, (k + 1) * self.frames)
-            spread = scatter(self.renderer.expected(angle_deg), dut.noise)
-            spread = replace(spread, frame_gain_std=self.frame_gain_std)
-            counts, codes = code_frames(spread, dut.noise, seed=seed, frame_numbers=numbers)
-            intensity = np.zeros((self.frames, 2, dut.rows, dut.columns), np.uint16)
-            distance_m = np.full(intensity.shape, np.nan, np.float32)
-            intensity[:, 0] = counts
-            distance_m[:, 0] = np.where(codes == dut.noise.no_return_code, np.nan, codes * dut.noise.range_step_m)
-            yield AngleBlock(
-                dut=dut.serial,
-                angle_index=k,
-                stage_angle_deg=angle_deg,
-                time_ns=np.arange(self.frames) + 1_000_000 * k,
-                intensity_counts=intensity,
-                distance_m=distance_m,
-                row_valid=np.ones((self.frames, dut.rows), bool),
-                operating=operating_data(dut.operating, 25.0) if operating is None else operating,
-            )
+        return simulated_blocks(
+            self.renderer,
+            self.angles_deg,
+            frames=self.frames,
+            seed=seed,
+            frame_gain_std=self.frame_gain_std,
+            operating=operating_data(self.renderer.dut.operating, 25.0) if operating is None else operating,
+        )
 
     def sweep(self, seed: int) -> SweepSummary:
         statistics = SweepStatistics(self.dut.serial)

@@ -1,5 +1,7 @@
 """Bags become observation tables: the twin agrees with what it emits, and a second simulator can take its place."""
 
+from dataclasses import replace
+
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -7,13 +9,12 @@ import pytest
 from arl_fixtures.bench.config import load_bench
 from arl_fixtures.cli.observe import Foreign, Twins, selection
 from arl_fixtures.errors import ConfigError, DataError
-from arl_fixtures.metrics.block import AngleBlock
+from arl_fixtures.metrics.simulated import simulated_blocks
 from arl_fixtures.recording.gauge import repeatability
 from arl_fixtures.recording.metadata import StepMetadata
 from arl_fixtures.recording.observe import Selection, observe, sweep_bag
 from arl_fixtures.recording.writer import StepBagWriter
 from arl_fixtures.twin.frame import Renderer
-from arl_fixtures.twin.noise import code_frames, scatter
 
 CONFIG = load_bench("emulated")
 ANGLES = (-7.5, 0.0, 7.5)
@@ -31,22 +32,10 @@ def record(folder, *, step=0, gain=1.0, seed=0):
     )  # fmt: skip
     path = folder / f"s{step}"
     with StepBagWriter(path, metadata) as bag:
-        for index, angle in enumerate(ANGLES):
-            numbers = range(1000 * step + 100 * index, 1000 * step + 100 * index + FRAMES)
-            spread = scatter(renderer.expected(angle), dut.noise)
-            intensity, code = code_frames(spread, dut.noise, seed=seed, frame_numbers=numbers)
-            time_ns = metadata.started_utc_ns + np.arange(FRAMES) * 40_000_000 + index * 10**9
-            distance = np.where(code == dut.noise.no_return_code, np.nan, code * dut.noise.range_step_m)
-            empty = np.zeros_like(intensity)
-            bag.temperatures(int(time_ns[0]), {"T2": 25.0 + index, "plate": 24.0})
-            bag.block(
-                AngleBlock(
-                    dut=dut.serial, angle_index=index, stage_angle_deg=angle, time_ns=time_ns,
-                    intensity_counts=np.stack([intensity, empty], axis=1).astype(np.uint16),
-                    distance_m=np.stack([distance, np.full(distance.shape, np.nan)], axis=1).astype(np.float32),
-                    row_valid=np.ones((FRAMES, dut.rows), np.bool_), operating={"laser_current_a": 90.0 + index},
-                )
-            )  # fmt: skip
+        for each in simulated_blocks(renderer, ANGLES, frames=FRAMES, seed=1000 * seed + step):
+            time_ns = metadata.started_utc_ns + np.arange(FRAMES) * 40_000_000 + each.angle_index * 10**9
+            bag.temperatures(int(time_ns[0]), {"T2": 25.0 + each.angle_index, "plate": 24.0})
+            bag.block(replace(each, time_ns=time_ns, operating={"laser_current_a": 90.0 + each.angle_index}))
     return path
 
 

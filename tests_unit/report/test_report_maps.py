@@ -13,11 +13,11 @@ from arl_fixtures.bench.config import load_bench
 from arl_fixtures.bench.keep import keep_bench
 from arl_fixtures.errors import ConfigError, DataError
 from arl_fixtures.journal.entries import Bag
-from arl_fixtures.metrics.block import AngleBlock
 from arl_fixtures.metrics.collect import collect
 from arl_fixtures.metrics.conditions import Conditions
 from arl_fixtures.metrics.geometry import GeometryCache
 from arl_fixtures.metrics.registry import remember
+from arl_fixtures.metrics.simulated import simulated_blocks
 from arl_fixtures.metrics.step import StepData
 from arl_fixtures.recording.metadata import StepMetadata
 from arl_fixtures.recording.reader import StepBag
@@ -28,7 +28,6 @@ from arl_fixtures.report.document import make_report
 from arl_fixtures.report.maps import MapMaker
 from arl_fixtures.report.write import map_maker
 from arl_fixtures.twin.frame import Renderer
-from arl_fixtures.twin.noise import code_frames, scatter
 
 STEP = step_id(0, 0, 25.0)
 BENCH = """
@@ -42,27 +41,6 @@ duts: {driver: hfl110, url: emulated, units: [dut.yaml]}
 """
 ANGLES = tuple(-60.0 + 1.8 * k for k in range(67))
 FRAMES = 4
-
-
-def blocks(dut, seed):
-    renderer = Renderer(dut)
-    for k, angle_deg in enumerate(ANGLES):
-        spread = scatter(renderer.expected(angle_deg), dut.noise)
-        counts, codes = code_frames(spread, dut.noise, seed=seed, frame_numbers=range(k * FRAMES, (k + 1) * FRAMES))
-        intensity = np.zeros((FRAMES, 2, dut.rows, dut.columns), np.uint16)
-        distance_m = np.full(intensity.shape, np.nan, np.float32)
-        intensity[:, 0] = counts
-        distance_m[:, 0] = np.where(codes == dut.noise.no_return_code, np.nan, codes * dut.noise.range_step_m)
-        yield AngleBlock(
-            dut=dut.serial,
-            angle_index=k,
-            stage_angle_deg=angle_deg,
-            time_ns=np.arange(FRAMES) + 1_000_000 * k,
-            intensity_counts=intensity,
-            distance_m=distance_m,
-            row_valid=np.ones((FRAMES, dut.rows), bool),
-            operating={},
-        )
 
 
 def record(path: Path, dut, seed):
@@ -82,7 +60,7 @@ def record(path: Path, dut, seed):
         limits_sha256="",
     )
     with StepBagWriter(path, metadata) as bag:
-        for block in blocks(dut, seed):
+        for block in simulated_blocks(Renderer(dut), ANGLES, frames=FRAMES, seed=seed, operating={}):
             bag.block(block)
         return bag.close()
 
