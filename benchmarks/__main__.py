@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
-from benchmarks import cycle, decode, load, metrics, overhead, realtime, recording, render, report
+from benchmarks import cycle, decode, journal, load, metrics, overhead, realtime, recording, render, report
 
 LOAD_MINUTES = 2.0
 
@@ -16,6 +16,7 @@ with tempfile.TemporaryDirectory() as folder:
         (decode, decode.main),
         (render, render.main),
         (recording, recording.main),
+        (journal, journal.main),
         (metrics, metrics.main),
         (overhead, overhead.main),
         (realtime, realtime.main),

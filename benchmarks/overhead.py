@@ -79,7 +79,7 @@ def main() -> None:
         cpu_ms = 1e3 * (time.process_time() - cpu_s) / ROUNDS
         journal.close()
     print(f"{VALUES} judged values per step: {wall_ms:.1f} ms wall, {cpu_ms:.1f} ms processor per step")
-    print(f"share of the promised 20 ms: {wall_ms / 20:.2f} (with two synced writes), {cpu_ms / 20:.2f} (processor)")
+    print(f"share of the promised 20 ms: {wall_ms / 20:.2f} (with a synced write), {cpu_ms / 20:.2f} (processor)")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What recording costs: time per frame, size of a cycle on disk, reading back, journal entries.
+"""What recording costs: time per frame, size of a cycle on disk, reading back.
 
 `python -m benchmarks.recording` writes one step of three DUTs at full resolution with the twin's noise. Times are
 processor time of this process, so that a busy machine changes them little; ratios compare with the `mcap` library on
@@ -8,7 +8,6 @@ the same messages in the same run.
 from __future__ import annotations
 
 import argparse
-import os
 import resource
 import tempfile
 import time
@@ -20,9 +19,6 @@ import numpy as np
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from arl_fixtures.bench.clock import VirtualClock
-from arl_fixtures.journal import entries
-from arl_fixtures.journal.journal import Journal
 from arl_fixtures.metrics.block import AngleBlock
 from arl_fixtures.recording.bag_folder import BagReceipt
 from arl_fixtures.recording.metadata import StepMetadata
@@ -37,7 +33,6 @@ from arl_fixtures.twin.settings import DutSettings
 FRAMES, ANGLES, STEPS, DUTS = 10, 134, 39, ("SN-1", "SN-2", "SN-3")
 CYCLE_FRAMES = FRAMES * ANGLES * STEPS * len(DUTS)
 CYCLE_BUDGET_S = 144.0
-JOURNAL_BUDGET_MS = 0.2
 START_NS = 1_767_225_600_000_000_000
 
 
@@ -190,64 +185,6 @@ def recording(folder: Path, times: int) -> Iterator[str]:
     yield f"recover two thirds of a step   {took.process_s:8.2f} s"
 
 
-def journalling(folder: Path) -> Iterator[str]:
-    def measurement(k: int) -> entries.Measurement:
-        return entries.Measurement(
-            step_id="c0000-07-up+25C",
-            attempt=1,
-            dut="SN-1",
-            metric="distance_error",
-            scope="stripe_50",
-            value=0.001 * k,
-            unit="m",
-            u=0.002,
-            dof=12.5,
-            contributions=tuple(
-                entries.Contribution(name=f"source {n}", u=0.001, kind="B", dof=9.0) for n in range(4)
-            ),
-        )
-
-    identity = entries.Identity(duts=(), bench_sha256="", profile_sha256="", limits_sha256="", software_version="0")
-    begin = entries.SessionBegin(campaign="benchmark", cycles=(0,), plan=(), identity=identity)
-    step = entries.StepBegin(
-        step_id="c0000-07-up+25C", attempt=1, cycle=0, step_index=7, set_temperature_c=25.0, ramp=1
-    )
-    bare = os.open(folder / "bare", os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
-    with Journal.create(folder / "session-0001.jsonl", begin, VirtualClock()) as journal:
-        journal.append(step)
-
-        def bare_line() -> None:
-            os.write(bare, bytes(650))
-            os.fdatasync(bare)
-
-        # turn by turn, so that both meet the same disk and the same neighbours
-        single_ms, bare_ms = _median_ms(500, lambda k: journal.append(measurement(k)), lambda _: bare_line())
-        batch_ms, _ = _median_ms(100, lambda k: journal.append_many([measurement(k)] * 50), lambda _: bare_line())
-        start = time.process_time()
-        journal.append_many([measurement(k) for k in range(5_000)])
-        made_ms = (time.process_time() - start) / 5_000 * 1e3
-    os.close(bare)
-    yield f"write and fdatasync of a line  {bare_ms:8.3f} ms, what this disk takes now"
-    yield f"journal entry / that           {single_ms / bare_ms:8.2f}"
-    yield f"journal entry, one sync each   {single_ms:8.3f} ms ({single_ms / JOURNAL_BUDGET_MS:.2f} of the budget)"
-    batch_ms /= 50
-    yield f"journal entry, 50 in one sync  {batch_ms:8.3f} ms ({batch_ms / JOURNAL_BUDGET_MS:.2f} of the budget)"
-    yield f"journal entry, processor time  {made_ms:8.3f} ms ({made_ms / JOURNAL_BUDGET_MS:.2f} of the budget)"
-    start = time.process_time()
-    lines = len(Journal.read(folder / "session-0001.jsonl").lines)
-    yield f"journal read                   {(time.process_time() - start) / lines * 1e3:8.3f} ms per line"
-
-
-def _median_ms(times: int, *actions: Callable[[int], object]) -> list[float]:
-    taken: list[list[float]] = [[] for _ in actions]
-    for k in range(times):
-        for action, each in zip(actions, taken, strict=True):
-            start = time.perf_counter()
-            action(k)
-            each.append(time.perf_counter() - start)
-    return [float(np.median(each)) * 1e3 for each in taken]
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--times", type=int, default=3, help="repetitions; the best counts")
@@ -255,8 +192,6 @@ def main() -> None:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(dir=options.folder) as folder:
         for line in recording(Path(folder), options.times):
-            print(line)
-        for line in journalling(Path(folder)):
             print(line)
 
 

@@ -1,4 +1,4 @@
-"""The journal: append only, on the platter before anything depends on it."""
+"""The journal: append only, on the disk before anything depends on it."""
 
 from __future__ import annotations
 
@@ -11,11 +11,16 @@ from types import TracebackType
 from typing import Final, Protocol, Self, final
 
 from arl_fixtures.errors import StorageError
+from arl_fixtures.journal import entries as said
 from arl_fixtures.journal.entries import Identity, JournalModel, Repair, SessionBegin, SessionResume
 from arl_fixtures.journal.lines import FIRST, encode, line_hash, read_lines
 from arl_fixtures.journal.record import SessionRecord, read_journal
+from arl_fixtures.journal.syncing import End, Syncer
 
 _SHOWN_BYTES: Final = 200
+
+PART_OF_A_STEP: Final = (said.StepBegin, said.Settle, said.Bag, said.Measurement, said.Judgement, said.Note)
+"""Nothing depends on these before the end of their step. `append` waits for the disk after any other entry."""
 
 
 class Clock(Protocol):
@@ -33,13 +38,17 @@ class Clock(Protocol):
 class Journal:
     """One session's journal, open for writing. Only one process has it at a time.
 
-    Made by `create`, `resume` or `reopen`.
+    Made by `create`, `resume` or `reopen`. What was appended outlives the process at once. It outlives the host, too,
+    when `append` returns, or, of the types `PART_OF_A_STEP`, one or two flushes of the disk later.
     """
 
-    def __init__(self, path: Path, descriptor: int, clock: Clock, *, seq: int, size: int, prev: str) -> None:
+    def __init__(self, path: Path, descriptor: int, clock: Clock) -> None:
         self.path = path
         self._descriptor, self._clock = descriptor, clock
-        self._seq, self._size, self._prev = seq, size, prev
+        self._begin_at(End(0, 0, FIRST))
+
+    def _begin_at(self, end: End) -> None:
+        self._end, self._syncer = end, Syncer(self._descriptor, end)
 
     @classmethod
     def create(cls, path: Path, begin: SessionBegin, clock: Clock) -> Self:
@@ -54,7 +63,7 @@ class Journal:
             raise StorageError(f"{path.parent}: cannot create: {error.strerror}") from None
         # it gets its name with its first line in it: no death leaves a journal that cannot be read
         unborn = path.with_name(f".{path.name}.new")
-        journal = cls(path, _open(unborn, os.O_CREAT), clock, seq=0, size=0, prev=FIRST)
+        journal = cls(path, _open(unborn, os.O_CREAT), clock)
         with journal._closing_on_error():
             os.ftruncate(journal._descriptor, 0)
             journal.append(begin)
@@ -79,10 +88,10 @@ class Journal:
             DataError: the file is damaged before its last line.
             StorageError: another process has it, or it cannot be written.
         """
-        journal = cls(path, _open(path, 0), clock, seq=0, size=0, prev=FIRST)
+        journal = cls(path, _open(path, 0), clock)
         with journal._closing_on_error():
             contents = read_lines(path)
-            journal._seq, journal._size, journal._prev = len(contents.lines), contents.size, contents.last_hash
+            journal._begin_at(End(len(contents.lines), contents.size, contents.last_hash))
             if contents.torn:
                 os.ftruncate(journal._descriptor, contents.size)
                 shown = contents.torn[:_SHOWN_BYTES].decode("utf-8", "backslashreplace").replace("\x00", "\\0")
@@ -110,18 +119,19 @@ class Journal:
         return read_journal(path)
 
     def append(self, entry: JournalModel) -> int:
-        """Write one entry through to the platter.
+        """Write one entry.
 
         Returns:
             its sequence number.
 
         Raises:
-            StorageError: it could not be written; the file is as it was before.
+            StorageError: it could not be written; the file is as it was before. Or an entry before it could not be
+                brought to the disk; the file is as it was when the disk had all of it.
         """
         return self.append_many([entry])
 
     def append_many(self, entries: Sequence[JournalModel]) -> int:
-        """Write several entries with one sync; after a crash any number of the first may be there.
+        """Write several entries, with one sync at most; after a crash any number of the first may be there.
 
         Returns:
             sequence number of the last.
@@ -131,24 +141,47 @@ class Journal:
 
     def append_at(self, stamped: Sequence[tuple[float, int, JournalModel]]) -> int:
         """As `append_many`, each entry with its own bench time in seconds and UTC in nanoseconds."""
-        lines, prev = [], self._prev
-        for number, (time_s, utc_ns, entry) in enumerate(stamped, start=self._seq):
+        with self._giving_up():
+            self._syncer.check()
+        lines, (seq, size, prev) = [], self._end
+        for number, (time_s, utc_ns, entry) in enumerate(stamped, start=seq):
             lines.append(encode(number, time_s, utc_ns, prev, entry))
             prev = line_hash(lines[-1])
         block = b"".join(lines)
         try:
             _write_all(self._descriptor, block)
-            os.fdatasync(self._descriptor)
         except OSError as error:
             with contextlib.suppress(OSError):
-                os.ftruncate(self._descriptor, self._size)
-            raise StorageError(f"{self.path}: cannot write journal: {error.strerror}") from None
-        self._seq, self._size, self._prev = self._seq + len(lines), self._size + len(block), prev
-        return self._seq - 1
+                os.ftruncate(self._descriptor, size)
+            raise self._cannot_write(error) from None
+        self._end = End(seq + len(lines), size + len(block), prev)
+        if all(isinstance(entry, PART_OF_A_STEP) for *_, entry in stamped):
+            self._syncer.soon(self._end)
+        else:
+            self.sync()
+        return self._end.seq - 1
+
+    def sync(self) -> None:
+        """Return when all that was appended is on the disk.
+
+        Raises:
+            StorageError: it is not; the file is as it was when the disk had all of it.
+        """
+        with self._giving_up():
+            self._syncer.now(self._end)
 
     def close(self) -> None:
-        """Let go of the file."""
-        if self._descriptor >= 0:
+        """Let go of the file, when all is on the disk.
+
+        Raises:
+            StorageError: it could not be brought there.
+        """
+        if self._descriptor < 0:
+            return
+        try:
+            self.sync()
+        finally:
+            self._syncer.close()
             os.close(self._descriptor)
             self._descriptor = -1
 
@@ -159,6 +192,20 @@ class Journal:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    @contextlib.contextmanager
+    def _giving_up(self) -> Iterator[None]:
+        """Whatever did not reach the disk was never said: others may know of it, but none may rely on it."""
+        try:
+            yield
+        except OSError as error:
+            self._end = self._syncer.give_up()
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._descriptor, self._end.size)
+            raise self._cannot_write(error) from None
+
+    def _cannot_write(self, error: OSError) -> StorageError:
+        return StorageError(f"{self.path}: cannot write journal: {error.strerror}")
 
     @contextlib.contextmanager
     def _closing_on_error(self) -> Iterator[None]:
