@@ -42,6 +42,8 @@ BEATEN_BY, BEATEN_SHARE = 12.0, 0.05
 LAW_EVIDENCE, LAW_GAIN, LAW_Z = 6.0, 9.0, 3.0
 """Where nothing else tells of a mismatch, a law's first term must earn this beyond its price, and the law must gain
 this on unseen blocks, this surely."""
+LAW_LIKELIER = 12.0
+"""Marginal likelihood of a whole law, less its price, that tells of a mismatch by itself."""
 PIXEL_COLUMNS = frozenset({"pixel_u", "pixel_v", "azimuth_deg", "elevation_deg"})
 BEATEN_PLAIN = 0.03
 """Share of what the names explain to independent rows by which a law without physics must at least be better."""
@@ -77,9 +79,10 @@ def _important(seen: Structure) -> list[str]:
 
 def is_law(chosen: Chosen) -> bool:
     """Whether a law by itself is evidence of a mismatch."""
-    return bool(chosen.terms) and (
-        chosen.terms[0].gain > LAW_EVIDENCE and chosen.held > LAW_GAIN and chosen.z > LAW_Z
-    )
+    if not chosen.terms or chosen.held < LAW_GAIN:
+        return False
+    sure = chosen.terms[0].gain > LAW_EVIDENCE and chosen.z > LAW_Z
+    return sure or (chosen.likelier > LAW_LIKELIER and chosen.z > LEAST_Z)
 
 
 class Decision:
@@ -218,21 +221,16 @@ class Decision:
         if d.channel.role is Role.SCATTER:
             return False
         acting = [t for t in self.best.terms if d.channel.name in self.energy(t)]
-        patterns = [p for p in self.patterns if d.channel.name in p.term.variant.channels]
-        if not acting or (len(acting) + len(patterns) < 2 and not is_structure(self.after[d.channel.name])):
-            return False  # one name that leaves nothing behind is not beaten by what has no physics
+        if not acting:
+            return False
         own = forward(self.terms, self.problem.view)
         bare = forward([t for t in self.terms if t not in acting], self.problem.view)
-        law, chosen = search_law(self.found.looker, d, bare, self._leading(d))
-        if not law.terms:
-            return False
-        name, base = d.channel.name, d.fit_scatter(d.residual(bare))[0]
-        corrected = bare[name] + law.correction(self.found.looker.features, bare[name])
+        _, chosen = search_law(self.found.looker, d, bare, self._leading(d))
+        base = d.fit_scatter(d.residual(bare))[0]
         price = PRICE * sum(len(t.free()) for t in acting)
         named = d.fit_scatter(d.residual(own))[0] - base - price
-        lawful = d.fit_scatter(d.measured - d.expect * corrected[d.use])[0] - base - chosen.freedom
         plain = sum(self._plain_gain(t) for t in acting)  # free scatters of pixels or steps hide most of a gain
-        return lawful > named + max(BEATEN_BY, BEATEN_SHARE * named, BEATEN_PLAIN * plain)
+        return chosen.likelier > named + max(BEATEN_BY, BEATEN_SHARE * named, BEATEN_PLAIN * plain)
 
     def _mostly_in(self, term: Term, names: set[str]) -> bool:
         energy = self.energy(term)

@@ -18,7 +18,9 @@ from arl_fixtures.reconcile.law import Axis, Features
 from arl_fixtures.reconcile.roles import unit_of
 
 KNOTS, MAP_KNOTS = 12, 6
-SMOOTH = (0.4, 0.12)
+FINE_KNOTS = 24
+"""Knots of the curve of the shortest length."""
+SMOOTH, FINE = (0.4, 0.12), 0.05
 """Lengths over which a curve keeps its value, as shares of the column's range."""
 MAP_SMOOTH = 0.4
 PERIODS = (2, 3, 4, 6, 8, 16)

@@ -9,6 +9,8 @@ import numpy as np
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.law import Axis, axes_of
 from arl_fixtures.reconcile.law_basis import (
+    FINE,
+    FINE_KNOTS,
     KNOTS,
     MAP_KNOTS,
     PRICE_CURVE,
@@ -20,6 +22,7 @@ from arl_fixtures.reconcile.law_basis import (
     curves_of,
     map_of,
     price_of,
+    smooth_prior,
     tables_of,
     waves_of,
 )
@@ -52,10 +55,14 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> list[Candidat
         bases += [
             Basis(axes=(axis,), prior=np.eye(axis.count), price=PRICE_CURVE + extra)
             for axis in tables_of(name, values, category=category)
+            if _recurs(work, axis)
         ]
         if not category and name not in looker.problem.groups.unit_columns:
             curve = curve_axis(name, values, KNOTS)
             bases += list(curves_of(curve, PRICE_CURVE + extra)) if curve else []
+            fine = curve_axis(name, values, FINE_KNOTS)
+            if fine is not None and len(fine.edges) > KNOTS:
+                bases.append(Basis(axes=(fine,), prior=smooth_prior(fine, FINE), price=PRICE_CURVE + extra))
             wave = _best_wave(work, name)
             if wave:
                 bases.append(Basis(waves=waves_of(name, wave), price=PRICE_TWO + extra))
@@ -71,7 +78,7 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> list[Candidat
     if not work.data.calibrated:
         pool.append(work.candidate(Basis(axes=(Axis(column="", kind="one"),), price=2.0)))
     ranking = sorted(ranked, key=lambda n: -ranked[n])
-    names = _distinct(work, [*leading, *(n for n in ranking if ranked[n] > -PRICE_ONE)])[:MOST_LEADING]
+    names = distinct(work, [*leading, *(n for n in ranking if ranked[n] > -PRICE_ONE)])[:MOST_LEADING]
     if signal is not None:  # what is added, not multiplied
         for item in [m for n in names for m in pool if m.basis.columns == (n,) and not m.basis.waves][:80]:
             axes = (*item.basis.axes, signal)
@@ -80,7 +87,14 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> list[Candidat
     return pool
 
 
-def _distinct(work: Work, names: Sequence[str]) -> list[str]:
+def _recurs(work: Work, axis: Axis) -> bool:
+    """Whether a table's levels are met in more than one block: what is met once predicts nothing."""
+    code = axis.bin_of(work.features[axis.column])
+    pairs = np.unique(code * (int(work.block.max()) + 1) + work.block)
+    return len(pairs) >= 1.5 * len(np.unique(code))
+
+
+def distinct(work: Work, names: Sequence[str]) -> list[str]:
     """Columns in order, without those that tell nearly the same as one before."""
     kept: dict[str, FloatArray] = {}
     for name in dict.fromkeys(names):
@@ -130,6 +144,8 @@ def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, l
                 curve = None if category or numbered else curve_axis(other, values, KNOTS)
                 for factor in [*([line] if line else []), *marks[:6]]:
                     for table in tables_of(other, values, category=category):
+                        if not _recurs(work, table):
+                            continue
                         yield Basis(axes=(table, factor), prior=np.eye(table.count), price=price + 1.0)
                     if curve:
                         yield from (

@@ -18,7 +18,7 @@ from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm, axes_of
 from arl_fixtures.reconcile.law_basis import Basis
-from arl_fixtures.reconcile.law_pool import pool_of
+from arl_fixtures.reconcile.law_pool import distinct, pool_of
 from arl_fixtures.reconcile.law_work import MOST_ROWS, Candidate, Work, evidence
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import ChannelData
@@ -26,7 +26,13 @@ from arl_fixtures.reconcile.roles import Role
 
 MOST_TERMS = 5
 MOST_PASSES = 3
-MOST_MARKS = 20
+MOST_MARKS, MOST_FACTORED, MOST_OFFERS = 20, 4, 6
+PRICE_MARK, PRICE_FACTOR = 2.0, 4.0
+"""Further price of a term that holds in one category only, or that one more column multiplies."""
+STEP_SHARES = (0.3, 0.1)
+"""Shares of the steps' scatter from which the search starts anew."""
+START_GAIN = 3.0
+"""Log-likelihood by which a further start must do better."""
 CLOSE, CLOSE_SHARE = 2.0, 0.03
 """Of candidates that differ by less (log-likelihood, or share of the best) the simplest is taken."""
 LEAST_GAIN, FURTHER_GAIN, FURTHER_SHARE = 1.0, 4.0, 0.01
@@ -52,6 +58,7 @@ class Chosen:
     left: FloatArray = field(default_factory=lambda: np.zeros(0))
     freedom: float = 0.0
     inside: float = 0.0
+    likelier: float = 0.0
 
 
 def find_terms(work: Work, pool: Sequence[Candidate]) -> Chosen:
@@ -135,16 +142,49 @@ def joint(work: Work, terms: list[Candidate]) -> Chosen:
 def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequence[str]) -> tuple[Law, Chosen]:
     """Law of a channel's residual; empty where nothing predicts unseen blocks.
 
-    What pixels, stage angles or images seem to share by chance may be the law itself: the first search takes them as
-    sharing nothing, and relies on unseen steps alone; the next work with the scatters that the law before leaves.
+    What steps seem to share by chance may be the law itself, and would hide it: the search starts from several
+    scatters of the steps, and the law with which the residual is likeliest stands, its scatters then at their best.
     """
     leading = [n for n in leading if n in looker.features]
+    before = data.fit_scatter(data.residual(state))[0]
+    law, chosen = law_of(Chosen(), data), Chosen()
+    for tau in _starts(data):
+        trial, found = _from_start(looker, data, state, leading, tau)
+        if not found.terms:
+            continue
+        corrected = state[data.channel.name] + trial.correction(looker.features, state[data.channel.name])
+        after, _ = data.fit_scatter(data.measured - data.expect * corrected[data.use])
+        found.likelier = after - before - found.freedom
+        if found.likelier > (chosen.likelier + START_GAIN if chosen.terms else 0.0):
+            law, chosen = trial, found
+    return law, chosen
+
+
+def _starts(data: ChannelData) -> list[dict[str, float]]:
+    """Scatters to start from: pixels, angles and images share nothing, steps ever less where they seem to share much.
+
+    The search relies on unseen steps alone; its next pass works with the scatters that the law before leaves.
+    """
     tau = {**data.tau, "pixel": 0.0, "angle": 0.0, "frame": 0.0}
-    marks = _marks(looker)
+    level = next((level for level in data.levels if level.name == "step"), None)
+    starts = [tau]
+    if level is not None:
+        weight = np.bincount(level.code, (data.root_weight * level.scale) ** 2, minlength=level.count)
+        alone = max(1.0 / np.sqrt(max(float(np.median(weight)), 1e-300)), level.floor)
+        for share in STEP_SHARES:
+            if share * tau.get("step", 0.0) > alone:
+                starts.append({**tau, "step": share * tau["step"]})
+    return starts
+
+
+def _from_start(
+    looker: Looker, data: ChannelData, state: State, leading: Sequence[str],
+    tau: dict[str, float],
+) -> tuple[Law, Chosen]:  # fmt: skip
     law, chosen = law_of(Chosen(), data), Chosen()
     for _ in range(MOST_PASSES):
         work = Work(data, state, looker.features, tau)
-        found = narrowed(work, find_terms(work, pool_of(work, looker, leading)), marks)
+        found = narrowed(work, find_terms(work, pool_of(work, looker, leading)), _factors(work, looker, leading))
         if found.held < 1.05 * chosen.held or not found.terms:
             break
         law, chosen = law_of(found, data), found
@@ -157,25 +197,49 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
     return law_of(final, data), final
 
 
-def narrowed(work: Work, chosen: Chosen, marks: Sequence[Axis]) -> Chosen:
-    """Each term only in one category (one device, one surface) where unseen blocks gain by it."""
+def narrowed(work: Work, chosen: Chosen, factors: Sequence[Axis]) -> Chosen:
+    """Each term only in one category (one device, one surface), or times a function of one more column.
+
+    A factor stays where unseen blocks gain by it; the best few by evidence are tried.
+    """
     for place in range(len(chosen.terms)):
-        best = chosen
-        for mark in marks:
-            basis = chosen.terms[place].basis
-            if mark.column in basis.columns:
+        best, basis = chosen, chosen.terms[place].basis
+        left = joint(work, [t for k, t in enumerate(chosen.terms) if k != place]).left
+        offers: list[Candidate] = []
+        for factor in factors:
+            is_mark = _is_mark(factor, work)
+            if factor.column in basis.columns or not (is_mark or len(chosen.values[place]) <= MOST_FACTORED):
                 continue
-            waves = tuple((*product, mark) for product in basis.waves)
-            axes = basis.axes if waves else (*basis.axes, mark)
-            item = work.candidate(replace(basis, axes=axes, waves=waves, price=basis.price + 2.0))
-            rest = [t for k, t in enumerate(chosen.terms) if k != place]
-            gain, item.width = evidence(item.gram, item.vectors @ joint(work, rest).left, basis.prior)
-            item.gain = gain - item.basis.price
+            waves = tuple((*product, factor) for product in basis.waves)
+            axes = basis.axes if waves else (*basis.axes, factor)
+            price = basis.price + (PRICE_MARK if is_mark else PRICE_FACTOR)
+            item = work.candidate(replace(basis, axes=axes, waves=waves, price=price))
+            gain, item.width = evidence(item.gram, item.vectors @ left, basis.prior)
+            item.gain = gain - price
+            offers.append(item)
+        for item in sorted(offers, key=lambda item: -item.gain)[:MOST_OFFERS]:
             trial = joint(work, [*chosen.terms[:place], item, *chosen.terms[place + 1 :]])
             if trial.held > best.held + FURTHER_GAIN:
                 best = trial
         chosen = best
     return chosen
+
+
+def _is_mark(factor: Axis, work: Work) -> bool:
+    values = work.features[factor.column]
+    return factor.kind == "is" or len(np.unique(values[np.isfinite(values)])) <= 2
+
+
+def _factors(work: Work, looker: Looker, leading: Sequence[str]) -> list[Axis]:
+    """Marks of categories, lines and hinges of the columns that tell something of their own."""
+    view = looker.problem.view
+    numeric = [n for n in work.features if not n.startswith(("~", "sim_")) and not view.is_category(n)]
+    factors = _marks(looker)
+    for name in distinct(work, [*(n for n in leading if n in numeric), *numeric]):
+        values = work.features[name]
+        if len(np.unique(values[np.isfinite(values)])) > 2:
+            factors += [a for a in axes_of(name, values, ()) if a.kind in {"linear", "above", "below"}]
+    return factors
 
 
 def _marks(looker: Looker) -> list[Axis]:

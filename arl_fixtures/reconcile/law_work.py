@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.law import Features
 from arl_fixtures.reconcile.law_basis import Basis
-from arl_fixtures.reconcile.noise import Level, Whitener
+from arl_fixtures.reconcile.noise import Whitener
 from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.roles import Role
 
@@ -47,7 +47,7 @@ class Work:
             pick = np.sort(np.random.default_rng(n).choice(n, size=MOST_ROWS, replace=False))
         self.data, self.pick = data, pick
         self.features: Features = {name: values[data.use[pick]] for name, values in features.items()}
-        levels = tuple(_part(level, pick) for level in data.levels)
+        levels = tuple(level.part(pick) for level in data.levels)
         self._whitener = Whitener(data.root_weight[pick], levels, tau)
         self.unit = np.unique(data.unit[pick], return_inverse=True)[1]
         relative = data.channel.role in {Role.INTENSITY, Role.SCATTER}
@@ -89,14 +89,6 @@ class Work:
         before = np.sum((vectors * self.data.root_weight[self.pick]) ** 2, axis=1)
         white[power < LEAST_SEEN * before] = 0.0
         return Candidate(basis=basis, vectors=white, gram=white @ white.T)
-
-
-def _part(level: Level, pick: IntArray) -> Level:
-    present, code = np.unique(level.code[pick], return_inverse=True)
-    return Level(
-        name=level.name, code=code.astype(np.int64), count=len(present), scale=level.scale[pick], floor=level.floor,
-        declared=level.declared,
-    )  # fmt: skip
 
 
 def evidence(gram: FloatArray, score: FloatArray, prior: FloatArray | None) -> tuple[float, float]:

@@ -13,7 +13,7 @@ nested groupings are exact too (the inner transform first, the outer on the tran
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -40,6 +40,11 @@ class Level:
     scale: FloatArray
     floor: float = 0.0
     declared: bool = False
+
+    def part(self, rows: IntArray) -> Level:
+        """The grouping on some of its rows."""
+        present, code = np.unique(self.code[rows], return_inverse=True)
+        return replace(self, code=code.astype(np.int64), count=len(present), scale=self.scale[rows])
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,7 @@ class Structure:
     Attributes:
         ceiling: on the rows used.
         z: significance of the held-out gain over blocks.
-        gain: held-out log-likelihood gain scaled to all rows of the channel.
+        gain: held-out log-likelihood gain, with the scatter that groups share, scaled to all rows of the channel.
     """
 
     channel: str
@@ -61,12 +61,16 @@ class Looker:
         found = ceiling(
             Binned(self.binned.names, codes, self.binned.edges), target, weight, data.fold[rows], trees=trees
         )
-        before = weight * target**2
-        after = weight * (target - found.prediction) ** 2
-        gains = np.bincount(np.unique(data.block[rows], return_inverse=True)[1], 0.5 * (before - after))
+        part = data.part(rows)
+        left = part.scale * (target - found.prediction)
+        _, tau = part.fit_scatter(left)  # what groups share by chance is one witness a group, not one a row
+        part.rebuild(tau)
+        change = part.whiten(part.scale * target) ** 2 - part.whiten(left) ** 2
+        gains = np.bincount(np.unique(part.block, return_inverse=True)[1], 0.5 * change)
         spread = float(np.sqrt(np.sum((gains - gains.mean()) ** 2))) if len(gains) > 1 else np.inf
-        z = float(gains.sum()) / spread if spread > 0 else 0.0
-        return Structure(channel=data.channel.name, ceiling=found, z=z, gain=found.gain * len(data.use) / len(rows))
+        gain = float(gains.sum())
+        z = gain / spread if spread > 0 else 0.0
+        return Structure(channel=data.channel.name, ceiling=found, z=z, gain=gain * len(data.use) / len(rows))
 
     def calibrate(self, data: ChannelData, state: State, *, structure: Structure | None = None) -> Structure:
         """Set spread, trust and group scatters of a channel from what the physics-free model leaves."""

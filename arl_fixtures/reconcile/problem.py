@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import gammaln
@@ -121,6 +121,15 @@ class ChannelData:
     def residual(self, state: State) -> FloatArray:
         """Measured − corrected simulation."""
         return self.measured - self.expect * state[self.channel.name][self.use]
+
+    def part(self, rows: IntArray) -> ChannelData:
+        """The channel on some of its rows, with the same noise."""
+        levels = tuple(level.part(rows) for level in self.levels)
+        return replace(
+            self, use=self.use[rows], measured=self.measured[rows], stated=self.stated[rows], scale=self.scale[rows],
+            unit=self.unit[rows], levels=levels, fold=self.fold[rows], block=self.block[rows],
+            expect=self.expect[rows], trust=self.trust[rows],
+        )  # fmt: skip
 
     def level_scatter(
         self, residual: FloatArray, level: Level, partial: Whitener, *, lost: float = 0.0

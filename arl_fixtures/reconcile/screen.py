@@ -104,10 +104,10 @@ def all_variants(
 
 
 def starts_of(variant: Variant) -> Iterator[dict[str, float]]:
-    """Products of the shapes' starts, the default first, at most `MAX_STARTS`, spread evenly."""
+    """The starts of a single shape, which its effect has chosen; of several their products, at most `MAX_STARTS`."""
     shapes = variant.shapes()
     products = list(itertools.product(*(p.starts for p in shapes)))
-    if len(products) > MAX_STARTS:
+    if len(shapes) > 1 and len(products) > MAX_STARTS:
         chosen = np.unique(np.linspace(0, len(products) - 1, MAX_STARTS).astype(int))
         products = [products[i] for i in chosen]
     for product in products:

@@ -65,8 +65,7 @@ class ColumnPattern(Effect):
             )
         if kind == "periodic":
             longest = min(span(view, axis), 64.0)
-            most_starts = 36 if channel in signals(view) else 10
-            starts = period_starts(_SHORTEST, longest, span(view, axis), most=most_starts)
+            starts = period_starts(_SHORTEST, longest, span(view, axis), most=_MOST_STARTS)
             whole = tuple(period for period in (3.0, 4.0, 5.0, 6.0, 8.0, 16.0) if period < longest)
             parameters += (shape("period", "px", _SHORTEST, longest, *whole, *starts),)
         return Variant(
@@ -134,4 +133,4 @@ class ColumnPattern(Effect):
         return "Record dark frames and frames at another frame rate: a pattern from interference changes its period."
 
 
-_SHORTEST = 2.1
+_SHORTEST, _MOST_STARTS = 2.1, 80
