@@ -20,6 +20,7 @@ from arl_fixtures.bench.clock import VirtualClock
 from arl_fixtures.bench.config import load_bench
 from arl_fixtures.bench.twins import Twin, twins_of
 from arl_fixtures.devices.dut_status import DutStatus
+from arl_fixtures.devices.idling import Idle, nothing
 from arl_fixtures.devices.interfaces import ChillerStatus, Identity, Reading
 from arl_fixtures.errors import DeviceError
 from arl_fixtures.metrics.block import AngleBlock
@@ -114,7 +115,7 @@ class MockStage(Mock):
         super().__init__()
         self.angle_deg = 0.0
 
-    def home(self, timeout_s: float) -> None:
+    def home(self, timeout_s: float, idle: Idle = nothing) -> None:
         """Be at zero."""
         self._called("home", timeout_s)
         self.angle_deg = 0.0
@@ -124,7 +125,7 @@ class MockStage(Mock):
         self._called("move_to_deg", angle_deg)
         self.angle_deg = angle_deg
 
-    def wait_until_reached(self, timeout_s: float) -> float:
+    def wait_until_reached(self, timeout_s: float, idle: Idle = nothing) -> float:
         """It has been there since the clock began."""
         self._called("wait_until_reached", timeout_s)
         return 0.0
@@ -188,6 +189,7 @@ class MockDuts(Mock):
         timeout_s: float,
         angle_index: int = 0,
         stage_angle_deg: float = 0.0,
+        idle: Idle = nothing,
     ) -> dict[str, AngleBlock]:
         """The same frames for every DUT."""
         self._called("collect", tuple(serials), n_frames, not_before_s, timeout_s)

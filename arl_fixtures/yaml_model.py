@@ -61,6 +61,27 @@ def load_yaml(path: Path) -> Any:  # noqa: ANN401 - a YAML document is anything 
         raise ConfigError(" ".join(str(error).split()), path=path) from None
 
 
+def named_file(name_or_path: str, folder: Path, kind: str) -> Path:
+    """A YAML file by its path, or by the name of one that comes with the package.
+
+    Args:
+        name_or_path: what a user gave.
+        folder: of those that come with the package.
+        kind: what they are, for the message.
+
+    Raises:
+        ConfigError: none has this name.
+    """
+    path = Path(name_or_path)
+    if path.suffix in {".yaml", ".yml"}:
+        return path
+    built_in = folder / f"{name_or_path}.yaml"
+    if not built_in.is_file():
+        known = ", ".join(sorted(each.stem for each in folder.glob("*.yaml")))
+        raise ConfigError(f"no {kind} '{name_or_path}'; known are {known}, or give a .yaml file")
+    return built_in
+
+
 def load_model(path: Path, model: type[ModelT]) -> ModelT:
     """Read `path` as a `model`.
 

@@ -12,10 +12,11 @@ from arl_fixtures.bench.config import BenchConfig
 from arl_fixtures.bench.control import CascadedControl
 from arl_fixtures.bench.profile import CycleStep
 from arl_fixtures.bench.settle import SettleReport, SettleWatch
-from arl_fixtures.devices.dut_status import DutStatus
+from arl_fixtures.devices.dut_status import DutStatus, OtherDutError
+from arl_fixtures.devices.idling import Idle, nothing
 from arl_fixtures.devices.interfaces import Chiller, Identity, Reading, Relays, Stage, Thermometer
 from arl_fixtures.devices.port import Clock
-from arl_fixtures.errors import DeviceError, InterlockError
+from arl_fixtures.errors import DeviceError, HoldError, InterlockError
 from arl_fixtures.metrics.block import AngleBlock
 
 SAFE_ATTEMPTS: Final = 3
@@ -23,6 +24,7 @@ LOOK_S: Final = 0.75
 """How often, while the bench only waits, somebody may look whether all is well."""
 CONTROL_CHECK_S: Final = 30.0
 """How often the chiller is asked, while the housings settle, whether it still controls."""
+LISTEN_S: Final = 0.25
 SILENCE_CHECK_S: Final = 0.3
 DARK_AFTER_S: Final = 0.1
 """A DUT that sends later than this after its supply was switched off has still power."""
@@ -40,8 +42,12 @@ class Duts(Protocol):
         timeout_s: float,
         angle_index: int = 0,
         stage_angle_deg: float = 0.0,
+        idle: Idle = nothing,
     ) -> dict[str, AngleBlock]:
-        """The first `n_frames` frames of each DUT whose exposure began at or after `not_before_s`."""
+        """The first `n_frames` frames of each DUT whose exposure began at or after `not_before_s`.
+
+        Takes `Breaks` with `idle`.
+        """
 
     def identify(self) -> Identity:
         """Who the DUTs say they are."""
@@ -106,7 +112,7 @@ class Bench:
         self.set_temperature_c: float | None = None
         self.enter_step = on_step
         self.made_safe_by: Callable[[], list[str] | None] = _nobody_else
-        self.look: Callable[[], None] = _nobody_looks
+        self.look: Idle = nothing
         self._control: CascadedControl | None = None
         self._next_turn_s = clock.now_s
         self._closed = False
@@ -118,7 +124,7 @@ class Bench:
 
     def start(self) -> None:
         """Home the stage, power the DUTs and their lasers, start the chiller at the present coolant temperature."""
-        self.stage.home(self.config.home_timeout_s)
+        self.home()
         for load in self.relays.loads():
             self.relays.set(load, True)
         bath_c = self.chiller.bath_c()
@@ -126,6 +132,10 @@ class Bench:
         self.chiller.start()
         self._control = CascadedControl(self.config.control, setpoint_c=bath_c, now_s=self.clock.now_s)
         self._next_turn_s = self.clock.now_s
+
+    def home(self) -> None:
+        """Home the stage; looks meanwhile make the bench safe if need be."""
+        self.stage.home(self.config.home_timeout_s, self._look_for_stops)
 
     def read(self) -> BenchReading:
         """Read all thermocouples and the chiller's bath; tells every observer."""
@@ -211,6 +221,26 @@ class Bench:
         code = f", error {status.error_code}" if status.error_code else ""
         raise DeviceError(f"chiller: {what} is off though it was started{code}")
 
+    def require_own_duts(self, patience_s: float = 0.0) -> None:
+        """Make sure that the DUTs are those of the bench file, as far as they have said who they are.
+
+        Args:
+            patience_s: how long to listen to those that have not, on the bench clock.
+
+        Raises:
+            OtherDutError: one has another serial number; the message names both.
+        """
+        for left in reversed(range(math.ceil(patience_s / LISTEN_S) + 1)):
+            heard = self.duts.listen(LISTEN_S if patience_s else 0.0)
+            said = {serial: each.telemetry.serial for serial, each in heard.items() if each.telemetry is not None}
+            others = [f"'{own}' instead of '{serial}'" for serial, own in said.items() if own and own != serial]
+            if others:
+                raise OtherDutError(f"DUTs are not those of bench '{self.config.name}': {', '.join(others)}")
+            if len(said) == len(self.serials):
+                return
+            if left:
+                self._look_for_stops()
+
     def wait_for_turn(self) -> None:
         """Let time pass until the control loop is due."""
         self._wait_until(self._next_turn_s)
@@ -221,6 +251,18 @@ class Bench:
         while self.clock.now_s < end_s:
             self.turn()
             self._wait_until(min(self._next_turn_s, end_s))
+
+    def wait(self, duration_s: float) -> None:
+        """Let time pass for a bench that does not work; who asks for a pause of it gets it later."""
+        end_s = self.clock.now_s + duration_s
+        while (left_s := end_s - self.clock.now_s) > 0.0:
+            self.clock.sleep(min(left_s, LOOK_S))
+            self._look_for_stops()
+
+    def _look_for_stops(self) -> None:
+        """Look where there is nothing to pause yet: who asks for a pause gets it at the next look."""
+        with contextlib.suppress(HoldError):
+            self.look()
 
     def _wait_until(self, time_s: float) -> None:
         while (left_s := time_s - self.clock.now_s) > 0.0:
@@ -291,10 +333,6 @@ def still_sending(duts: Duts, config: BenchConfig, loads: Collection[str], off_s
 
 def _nobody_else() -> None:
     """Without a guard the bench makes itself safe."""
-
-
-def _nobody_looks() -> None:
-    """A guard outside looks by itself."""
 
 
 def _attempt(name: str, action: Callable[[], None]) -> str:

@@ -24,7 +24,7 @@ from arl_fixtures.metrics.instruments import ACCEPT_EXPIRED, CALIBRATION_DUE
 from arl_fixtures.metrics.step import BenchUncertainty
 from arl_fixtures.twin.scene import SceneSettings
 from arl_fixtures.twin.settings import DutSettings
-from arl_fixtures.yaml_model import FileModel, fault_at, load_model, validate_tree
+from arl_fixtures.yaml_model import FileModel, fault_at, load_model, named_file, validate_tree
 
 EMULATED: Final = "emulated"
 BUILT_IN: Final = Path(__file__).parent.parent / "data" / "benches"
@@ -246,11 +246,4 @@ def read_bench(path: Path, unit_paths: Sequence[Path] | None = None) -> BenchCon
 
 def bench_path(name_or_path: str) -> Path:
     """The file that a bench name stands for."""
-    path = Path(name_or_path)
-    if path.suffix in {".yaml", ".yml"}:
-        return path
-    built_in = BUILT_IN / f"{name_or_path}.yaml"
-    if not built_in.is_file():
-        known = ", ".join(sorted(p.stem for p in BUILT_IN.glob("*.yaml")))
-        raise ConfigError(f"no bench '{name_or_path}'; known are {known}, or give a .yaml file")
-    return built_in
+    return named_file(name_or_path, BUILT_IN, "bench")

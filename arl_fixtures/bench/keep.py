@@ -6,13 +6,13 @@ names it by. What is there already is not written again: sessions with the same 
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 from pathlib import Path
 from typing import Final
 
 from arl_fixtures.bench.config import BenchConfig, read_bench
-from arl_fixtures.errors import ConfigError, StorageError
+from arl_fixtures.errors import ConfigError
+from arl_fixtures.files import write_whole
 
 FOLDER: Final = "inputs"
 DIGITS: Final = 16
@@ -37,7 +37,7 @@ def keep_bench(config: BenchConfig, out: Path) -> Path:
     if digest != config.sha256:
         raise ConfigError("a bench or DUT file was changed while the session began", path=config.files[0])
     for name, content in contents.items():
-        _write(folder / name, content)
+        _keep(folder / name, content)
     return folder
 
 
@@ -58,7 +58,7 @@ def keep_file(path: Path, sha256: str, kind: str, out: Path) -> Path:
     if hashlib.sha256(content).hexdigest() != sha256:
         raise ConfigError("was changed while the session began", path=path)
     kept = out / FOLDER / f"{kind}-{sha256[:DIGITS]}.yaml"
-    _write(kept, content)
+    _keep(kept, content)
     return kept
 
 
@@ -91,16 +91,6 @@ def _read(path: Path) -> bytes:
         raise ConfigError(f"cannot read: {error.strerror}", path=path) from None
 
 
-def _write(path: Path, content: bytes) -> None:
-    """Whole or not at all."""
-    if path.is_file():
-        return
-    part = path.with_name(path.name + ".part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_bytes(content)
-        part.replace(path)
-    except OSError as error:
-        with contextlib.suppress(OSError):
-            part.unlink()
-        raise StorageError(f"{path}: cannot be written: {error.strerror}") from None
+def _keep(path: Path, content: bytes) -> None:
+    if not path.is_file():
+        write_whole(path, content)

@@ -9,8 +9,7 @@ from typing import Final, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from arl_fixtures.errors import ConfigError
-from arl_fixtures.yaml_model import FileModel, load_model
+from arl_fixtures.yaml_model import FileModel, load_model, named_file
 
 MAX_ANGLES: Final = 100_000
 
@@ -152,11 +151,4 @@ def profile_path(name_or_path: str) -> Path:
     Raises:
         ConfigError: no such profile.
     """
-    path = Path(name_or_path)
-    if path.suffix in {".yaml", ".yml"}:
-        return path
-    built_in = BUILT_IN / f"{name_or_path}.yaml"
-    if not built_in.is_file():
-        known = ", ".join(sorted(p.stem for p in BUILT_IN.glob("*.yaml")))
-        raise ConfigError(f"no profile '{name_or_path}'; known are {known}, or give a .yaml file")
-    return built_in
+    return named_file(name_or_path, BUILT_IN, "profile")

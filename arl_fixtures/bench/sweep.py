@@ -46,7 +46,7 @@ def sweep(
             yield recorded
             between()
         bench.turn()
-        not_before_s = stage.wait_until_reached(settings.move_timeout_s) + settings.rest_s
+        not_before_s = stage.wait_until_reached(settings.move_timeout_s, bench.look) + settings.rest_s
         actual_deg = stage.position_deg()
         try:
             blocks = bench.duts.collect(
@@ -56,6 +56,7 @@ def sweep(
                 timeout_s=settings.rest_s + frames * settings.frame_period_s + settings.frames_timeout_s,
                 angle_index=index,
                 stage_angle_deg=actual_deg,
+                idle=bench.look,
             )
         except DutError as error:
             serials = tuple(serial for serial in serials if serial not in error.serials)
@@ -68,4 +69,4 @@ def sweep(
         stage.move_to_deg(angles_deg[0])
         yield recorded
         between()
-        stage.wait_until_reached(settings.move_timeout_s)
+        stage.wait_until_reached(settings.move_timeout_s, bench.look)

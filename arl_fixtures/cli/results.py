@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from arl_fixtures.errors import ConfigError
+from arl_fixtures.files import write_whole
 from arl_fixtures.journal.index import HistoryRow, rebuild
 from arl_fixtures.journal.index import history as read_history
 from arl_fixtures.journal.record import read_journal
@@ -25,10 +26,11 @@ from arl_fixtures.report.document import make_report
 from arl_fixtures.report.junit import junit_xml
 from arl_fixtures.report.lifetime import load_lifetime
 from arl_fixtures.report.text import rounded, shown, with_unit
-from arl_fixtures.report.write import map_maker, report_name, write_report, write_whole
+from arl_fixtures.report.write import map_maker, report_name, write_report
 
 PATH = click.Path(path_type=Path)
 LIFETIME = Path("reports/lifetime.yaml")
+LONGEST_LINE = 100_000
 
 
 @click.command()
@@ -134,7 +136,8 @@ def history(
         table.add_column(title, overflow="fold", no_wrap=title in {"step", "DUT", "verdict"})
     for row in rows[:most]:
         table.add_row(*(escape(cell) for cell in _cells(row)))
-    Console().print(table)
+    # what is piped is read by a program or searched: one line a value
+    Console(width=None if sys.stdout.isatty() else LONGEST_LINE).print(table)
     if len(rows) > most:
         click.echo(f"the first {most} values; more with --most, all with --csv", err=True)
 

@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from arl_fixtures.devices.dut_status import DutSilentError, DutStatus, FrozenFrameError
+from arl_fixtures.devices.idling import Breaks, Idle, nothing
 from arl_fixtures.devices.interfaces import Identity
 from arl_fixtures.devices.port import Clock, Datagram, DatagramPort
 from arl_fixtures.errors import LocalProtocolError, RemoteProtocolError
@@ -134,6 +135,7 @@ class HflReceiver:
         timeout_s: float,
         angle_index: int = 0,
         stage_angle_deg: float = 0.0,
+        idle: Idle = nothing,
     ) -> dict[str, AngleBlock]:
         """The first frames of each DUT whose exposure began at or after a time, all DUTs in parallel.
 
@@ -147,6 +149,7 @@ class HflReceiver:
             timeout_s: from now, bench time.
             angle_index: goes into the blocks.
             stage_angle_deg: goes into the blocks.
+            idle: what is done meanwhile, now and then; what arrives then is kept by the port.
 
         Returns:
             One block per serial number, with the latest operating data.
@@ -168,7 +171,8 @@ class HflReceiver:
             sensor.assembler.reset()
             sensor.frames = []
         # no packet that comes before then belongs to a frame that counts
-        clock.sleep(min(from_s, deadline_s) - start_s)
+        breaks = Breaks(clock, idle)
+        breaks.sleep(min(from_s, deadline_s) - start_s)
         self._ports.frames.discard(from_s)
         missing = wanted
         while missing:
@@ -176,6 +180,9 @@ class HflReceiver:
             if now_s >= deadline_s or self._hopeless(missing, start_s, now_s):
                 break
             self._sort(self._ports.frames.receive(min(deadline_s - now_s, settings.frame_timeout_s)), from_s)
+            if breaks.take():
+                # nobody is silent or late before all that has come meanwhile is read
+                self._sort(self._ports.frames.receive(0.0), from_s)
             missing = [sensor for sensor in missing if len(sensor.frames) < n_frames]
         self._read_records()
         late = tuple(sensor.serial for sensor in missing)

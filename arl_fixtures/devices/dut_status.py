@@ -52,6 +52,10 @@ class DutError(DeviceError):
         self.serials, self.blocks = serials, blocks
 
 
+class OtherDutError(DeviceError):
+    """A DUT is not the one that the bench file says."""
+
+
 class DutSilentError(DutError, DeviceTimeoutError):
     """DUTs sent nothing, or too few frames, in time."""
 

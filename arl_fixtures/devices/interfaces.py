@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from arl_fixtures.devices.idling import Idle, nothing
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identity:
@@ -96,14 +98,16 @@ class Stage(Protocol):
     def identify(self) -> Identity:
         """Name, firmware, serial number."""
 
-    def home(self, timeout_s: float) -> None:
-        """Search the reference; afterwards positions are absolute."""
+    def home(self, timeout_s: float, idle: Idle = nothing) -> None:
+        """Search the reference; afterwards positions are absolute. Takes `Breaks` with `idle`."""
 
     def move_to_deg(self, angle_deg: float) -> None:
         """Start to move; returns at once."""
 
-    def wait_until_reached(self, timeout_s: float) -> float:
+    def wait_until_reached(self, timeout_s: float, idle: Idle = nothing) -> float:
         """Wait for the end of the motion; raises when it ended at a limit switch, stalled or never ended.
+
+        Takes `Breaks` with `idle`.
 
         Returns:
             Bench time since which it surely stands; frames whose exposure began later count.

@@ -10,6 +10,7 @@ from typing import Final, Literal, final
 
 from pydantic import Field
 
+from arl_fixtures.devices.idling import Breaks, Idle, nothing
 from arl_fixtures.devices.interfaces import Identity
 from arl_fixtures.devices.port import Clock, StreamPort
 from arl_fixtures.devices.tmcl_module import TmclModule, TmclModuleSettings
@@ -86,10 +87,14 @@ class TmclStage:
         number, firmware = self._module.version()
         return Identity(name=f"TMCM-{number}", firmware=firmware)
 
-    def home(self, timeout_s: float) -> None:
+    def home(self, timeout_s: float, idle: Idle = nothing) -> None:
         """Configure the axis, search the reference and move into the allowed range.
 
         There no limit switch may be pressed any more: one that is found its reference anywhere.
+
+        Args:
+            timeout_s: for all of it.
+            idle: what is done meanwhile, now and then.
 
         Raises:
             DeviceTimeoutError: the search did not end in time; it is stopped.
@@ -100,12 +105,14 @@ class TmclStage:
         self._configure()
         self._module.do(Command.REFERENCE_SEARCH, SearchType.START)
         deadline_s = self._clock.now_s + timeout_s
+        breaks = Breaks(self._clock, idle)
         while self._module.do(Command.REFERENCE_SEARCH, SearchType.STATUS):
             if self._clock.now_s >= deadline_s:
                 self._module.do(Command.REFERENCE_SEARCH, SearchType.STOP)
                 self.stop()
                 raise DeviceTimeoutError(f"{self._module.place}: reference not found within {timeout_s:g} s")
-            self._clock.sleep(_SEARCH_POLL_S)
+            breaks.sleep(_SEARCH_POLL_S)
+            breaks.take()
         trouble = self.fault()
         if trouble:
             raise DeviceError(f"{self._module.place}: reference search failed: {trouble}")
@@ -117,7 +124,7 @@ class TmclStage:
         low, high = self.limits_deg
         self.move_to_deg(min(max(self._settings.reference_angle_deg, low), high))
         try:
-            self.wait_until_reached(deadline_s - self._clock.now_s)
+            self.wait_until_reached(deadline_s - self._clock.now_s, idle)
             pressed = self._pressed_switches()
             if pressed:
                 raise DeviceError(f"{self._module.place}: {pressed} limit switch is pressed at {self._angle_text()}")
@@ -148,11 +155,15 @@ class TmclStage:
         began_s = (asked_s + self._clock.now_s) / 2
         self._arrival_s = began_s + _duration_s(way_deg, settings.max_speed_deg_s, settings.acceleration_deg_s2)
 
-    def wait_until_reached(self, timeout_s: float) -> float:
+    def wait_until_reached(self, timeout_s: float, idle: Idle = nothing) -> float:
         """Wait for the end of the move.
 
         Most of the expected time is slept through; then `reached` is asked every `poll_s`. Where it stands is
         verified after that, which takes a while on a serial line and does not change since when it stood.
+
+        Args:
+            timeout_s: from now.
+            idle: what is done meanwhile, now and then.
 
         Returns:
             Bench time of the answer `reached`: it has stood since then at the latest.
@@ -165,14 +176,16 @@ class TmclStage:
         if self._target_steps is None:
             raise LocalProtocolError(f"{self._module.place}: no move was started")
         deadline_s = clock.now_s + timeout_s
-        clock.sleep(min(self._arrival_s - clock.now_s, timeout_s))
+        breaks = Breaks(clock, idle)
+        breaks.sleep(min(self._arrival_s - clock.now_s, timeout_s))
         while not self._module.axis(Axis.REACHED):
             if not self.moving() and not self._module.axis(Axis.REACHED):
                 raise DeviceError(f"{self._module.place}: stands at {self._angle_text()}, {self._why_not_reached()}")
             if clock.now_s >= deadline_s:
                 where = self._angle_text()
                 raise DeviceTimeoutError(f"{self._module.place}: still moves after {timeout_s:g} s, at {where}")
-            clock.sleep(self._settings.poll_s)
+            breaks.sleep(self._settings.poll_s)
+            breaks.take()
         stands_since_s = clock.now_s
         self._verify_arrival(self._target_steps)
         return stands_since_s

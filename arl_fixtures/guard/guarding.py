@@ -12,7 +12,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final, Protocol, Self, final
 
@@ -91,7 +91,7 @@ class ProcessGuard:
     """
 
     def __init__(self, config: BenchConfig, link: GuardLink, clock: Clock, lab: LabClient | None) -> None:
-        self._config, self._link, self._lab = config, link, lab
+        self._config, self._link, self._clock, self._lab = config, link, clock, lab
         beat_s = min(config.guard.heartbeat_timeout_s / _BEATS_PER_TIMEOUT, _LONGEST_BEAT_S)
         self.lines: Lines | None = GuardedLines(config, link, BeatingClock(clock, link, beat_s), lab)
         self.last_stop = link.last_stop or ""
@@ -106,7 +106,8 @@ class ProcessGuard:
     def attach(self, bench: Bench) -> None:
         """Have the bench's readings, commands and its making safe pass through the guard."""
         bench.relays = WatchedRelays(bench.relays, self._commanded)
-        bench.duts = WatchedDuts(bench.duts, self._await)
+        bench.duts = WatchedDuts(bench.duts, bench.clock, self._await)
+        bench.look = self.beat
         bench.observers.append(self._on_reading)
         bench.made_safe_by = self._make_safe
         self._bench = bench
@@ -167,8 +168,9 @@ class ProcessGuard:
     def _commanded(self, loads: Mapping[str, bool | None]) -> None:
         self._link.tell("commanded", loads=dict(loads))
 
-    def _await(self, serials: Sequence[str]) -> None:
-        self._link.tell("awaited", serials=list(serials))
+    def _await(self, since_s: Mapping[str, float]) -> None:
+        now_s = self._clock.now_s
+        self._link.tell("awaited", silent_s={serial: now_s - each for serial, each in since_s.items()})
 
     def _make_safe(self) -> list[str] | None:
         """The guard does it; None when it is gone. Then it listens at the DUTs' ports, which are freed for that."""

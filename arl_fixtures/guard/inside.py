@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Final, Self, final
 
 from arl_fixtures.bench.bench import Bench, BenchReading
@@ -23,16 +24,12 @@ from arl_fixtures.guard.watched import WatchedDuts, WatchedRelays
 _SHORTEST_S: Final = 0.6
 """Time between two looks; in a sweep there is one at each angle, which takes at least that."""
 
-_BLIND_S: Final = 1.5
-"""Longest time without a look where it can be helped."""
-
 
 @final
 class InsideGuard:
     """Judges each reading of the bench, and looks at everything by itself every 1.5 s.
 
-    It never looks while somebody else waits for an answer: while the stage is homed, or while frames are waited for
-    that do not come, it looks after that.
+    It looks between two exchanges: while the bench waits, the stage turns or is homed, and frames come or do not.
 
     Args:
         config: the bench file.
@@ -54,6 +51,7 @@ class InsideGuard:
         self._core = GuardCore(config.guard)
         self._bench: Bench | None = None
         self._commanded: dict[str, bool] = {}
+        self._awaited: Mapping[str, float] = {}
         self._halves = itertools.cycle((self._ask_coolant_and_power, self._ask_housings_and_stage))
         self._looked_s = float("-inf")
         self._coolant_c: float | None = None
@@ -63,7 +61,7 @@ class InsideGuard:
         """Judge every reading of the bench from now on."""
         self._bench = bench
         bench.relays = WatchedRelays(bench.relays, self._note_commanded)
-        bench.duts = WatchedDuts(bench.duts, self._on_awaited)
+        bench.duts = WatchedDuts(bench.duts, bench.clock, self._note_awaited)
         bench.observers.append(self._see)
         bench.look = self._look
         self._core.join(bench.clock.now_s)
@@ -131,6 +129,9 @@ class InsideGuard:
             else:
                 self._commanded[load] = on
 
+    def _note_awaited(self, since_s: Mapping[str, float]) -> None:
+        self._awaited = since_s
+
     def _see(self, reading: BenchReading) -> None:
         """Judge what the bench has read."""
         self._judge(Sample(time_s=reading.time_s, temperatures_c=reading.temperatures_c, housings=reading.housings))
@@ -146,20 +147,13 @@ class InsideGuard:
         self._looked_s = bench.clock.now_s
         self._judge(next(self._halves)(bench))
 
-    def _on_awaited(self, serials: Sequence[str]) -> None:
-        """Frames have come, or not: if that took long, all is looked at before anything else is thought of it."""
-        if serials or self._bench is None or self._bench.clock.now_s - self._looked_s < _BLIND_S:
-            return
-        for _ in range(2):
-            self._looked_s = float("-inf")
-            self._look()
-
     def _judge(self, sample: Sample) -> None:
         bench, core = self._bench, self._core
         if bench is None or not core.driven:
             return
         core.beat(sample.time_s)
-        core.see(sample)
+        silent_s = {serial: sample.time_s - since_s for serial, since_s in self._awaited.items()}
+        core.see(replace(sample, duts_awaited_s=silent_s))
         core.tick(bench.clock.now_s)
         if core.to_do is not None:
             self._make_safe(bench)

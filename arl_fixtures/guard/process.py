@@ -200,7 +200,7 @@ class GuardProcess:
         elif op == "awaited":
             # ages are the test's; from here they grow with the guard's clock
             now_s = self._now_s
-            self._awaited = {str(serial): now_s for serial in header.get("serials", ())}
+            self._awaited = {str(dut): now_s - float(age_s) for dut, age_s in header.get("silent_s", {}).items()}
         elif op == "heed":
             self._core.heed(self._now_s)
             self._hands.renew_one("stage", self._lines["stage"])

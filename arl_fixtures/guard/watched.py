@@ -7,11 +7,16 @@ from typing import Any, final
 
 from arl_fixtures.bench.bench import Duts
 from arl_fixtures.devices.dut_status import DutStatus
+from arl_fixtures.devices.idling import Idle, nothing
 from arl_fixtures.devices.interfaces import Identity, Relays
+from arl_fixtures.devices.port import Clock
 from arl_fixtures.metrics.block import AngleBlock
 
 Commanded = Callable[[Mapping[str, bool | None]], None]
 """Told load to its new state; None while it is being switched, when either state is right."""
+
+Awaited = Callable[[Mapping[str, float]], None]
+"""Told serial number to the bench time since when nothing has come of it, of those that are waited for."""
 
 
 @final
@@ -65,11 +70,12 @@ class WatchedDuts:
 
     Args:
         duts: the receiver.
-        awaited: told the serial numbers when waiting begins, and none when it has ended.
+        clock: the bench clock.
+        awaited: told of all when waiting begins, again and again while it lasts, and of nobody when it has ended.
     """
 
-    def __init__(self, duts: Duts, awaited: Callable[[Sequence[str]], None]) -> None:
-        self._duts, self._awaited = duts, awaited
+    def __init__(self, duts: Duts, clock: Clock, awaited: Awaited) -> None:
+        self._duts, self._clock, self._awaited = duts, clock, awaited
 
     def collect(
         self,
@@ -80,9 +86,17 @@ class WatchedDuts:
         timeout_s: float,
         angle_index: int = 0,
         stage_angle_deg: float = 0.0,
+        idle: Idle = nothing,
     ) -> dict[str, AngleBlock]:
         """The first `n_frames` frames of each DUT whose exposure began at or after `not_before_s`."""
-        self._awaited(serials)
+        start_s = self._clock.now_s
+
+        def announce() -> None:
+            last_s = {serial: status.last_packet_s for serial, status in self._duts.listen(0.0).items()}
+            self._awaited({serial: max(start_s, last_s.get(serial, start_s)) for serial in serials})
+            idle()
+
+        self._awaited(dict.fromkeys(serials, start_s))
         try:
             return self._duts.collect(
                 serials,
@@ -91,9 +105,10 @@ class WatchedDuts:
                 timeout_s=timeout_s,
                 angle_index=angle_index,
                 stage_angle_deg=stage_angle_deg,
+                idle=announce,
             )
         finally:
-            self._awaited(())
+            self._awaited({})
 
     def identify(self) -> Identity:
         """Who the DUTs say they are."""

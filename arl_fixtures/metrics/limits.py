@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from arl_fixtures.errors import ConfigError, UnitError
 from arl_fixtures.quantity import check_unit, convert
-from arl_fixtures.yaml_model import FileModel, load_model
+from arl_fixtures.yaml_model import FileModel, load_model, named_file
 
 
 class Rule(StrEnum):
@@ -146,14 +146,7 @@ def limits_path(name_or_path: str) -> Path:
     Raises:
         ConfigError: no such limits.
     """
-    path = Path(name_or_path)
-    if path.suffix in {".yaml", ".yml"}:
-        return path
-    built_in = BUILT_IN / f"{name_or_path}.yaml"
-    if not built_in.is_file():
-        known = ", ".join(sorted(each.stem for each in BUILT_IN.glob("*.yaml")))
-        raise ConfigError(f"no limits '{name_or_path}'; known are {known}, or give a .yaml file")
-    return built_in
+    return named_file(name_or_path, BUILT_IN, "limits")
 
 
 def load_limits(path: Path) -> LimitSet:

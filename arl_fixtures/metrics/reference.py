@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from arl_fixtures.errors import DataError
+from arl_fixtures.files import write_whole
 
 SCHEMA: Final = "arl-reference/1"
 _PREFIX: Final = "data."
@@ -71,7 +73,7 @@ class Reference:
         """Write as npz, whole or not at all.
 
         Raises:
-            DataError: it cannot be written.
+            StorageError: it cannot be written.
         """
         content: dict[str, npt.NDArray[Any]] = {
             "schema": np.array(SCHEMA),
@@ -83,14 +85,9 @@ class Reference:
             "doubt": np.array(self.doubt),
         }
         content |= {f"{_PREFIX}{name}": np.asarray(array) for name, array in self.arrays.items()}
-        partial = path.with_name(path.name + ".part")
-        try:
-            with partial.open("wb") as file:
-                np.savez_compressed(file, allow_pickle=False, **content)
-            partial.replace(path)
-        except OSError as error:
-            partial.unlink(missing_ok=True)
-            raise DataError(f"{path}: reference cannot be written: {error.strerror}") from None
+        packed = io.BytesIO()
+        np.savez_compressed(packed, allow_pickle=False, **content)
+        write_whole(path, packed.getvalue())
 
     @classmethod
     def load(cls, path: Path) -> Reference:

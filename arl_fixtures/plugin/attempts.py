@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final, final
 
 from arl_fixtures.bench.profile import CycleStep
+from arl_fixtures.devices.dut_status import OtherDutError
 from arl_fixtures.errors import ArlError, DeviceError, HoldError, InterlockError, StorageError
 from arl_fixtures.guard.guarding import Guard
 from arl_fixtures.journal.journal import Journal
@@ -67,6 +68,8 @@ class Attempts:
                 self._wait_until_allowed()
                 try:
                     return self._attempt(step, attempt)
+                except OtherDutError as error:
+                    raise SessionOverError(f"further steps are NOT RUN: {error}") from None
                 except DeviceError as error:
                     failures.append(f"attempt {attempt}: {error}")
                     self._recover(error)
@@ -116,7 +119,7 @@ class Attempts:
         """A stage keeps its fault until it is homed, and nobody else will do that."""
         try:
             if self._bench.stage.fault():
-                self._bench.stage.home(self._bench.config.home_timeout_s)
+                self._bench.home()
         except DeviceError as error:
             self._journal.append(journaling.fault(error, "pause goes on"))
 
@@ -124,6 +127,7 @@ class Attempts:
         """Bring the bench back for another attempt, with patience: a supply or a network may be down for a while.
 
         Raises:
+            InterlockError: the guard has lost patience before; its conditions are in the bench file.
             SessionOverError: it does not come back.
         """
         self._journal.append(journaling.fault(error, "bench started anew for another attempt"))
@@ -139,7 +143,7 @@ class Attempts:
                     self._journal.append(journaling.fault(again, "session ended, bench made safe"))
                     message = f"the bench does not come back within {RECOVERY_S:g} s, further steps are NOT RUN: "
                     raise SessionOverError(message + str(again)) from None
-                clock.sleep(RECOVERY_PAUSE_S)
+                bench.wait(RECOVERY_PAUSE_S)
             except HoldError:
                 # it answers; the pause is waited for before the next attempt
                 return

@@ -106,7 +106,7 @@ def next_cycle(out: Path) -> int:
     Raises:
         DataError: a journal there cannot be read.
     """
-    done = [cycle for record in _sessions(out) for cycle in record.begin.cycles]
+    done = [attempt.begin.cycle for record in _sessions(out) for attempt in record.attempts]
     return max(done, default=-1) + 1
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import final
+from typing import Final, final
 
 import pytest
 
 from arl_fixtures.bench.bench import Bench
 from arl_fixtures.bench.profile import CycleStep
-from arl_fixtures.errors import DataError, StorageError
+from arl_fixtures.errors import DataError, InterlockError, StorageError
 from arl_fixtures.guard.guarding import Guard
 from arl_fixtures.journal.journal import Journal
 from arl_fixtures.journal.record import AttemptRecord
@@ -23,6 +23,9 @@ from arl_fixtures.plugin.references import References, from_bag, reference_step
 from arl_fixtures.plugin.resume import Past
 from arl_fixtures.plugin.setup import SessionFiles
 from arl_fixtures.plugin.step_runner import StepResult, StepRunner
+
+INTRODUCTION_S: Final = 6.0
+"""How long the DUTs are listened to, from power on, until each has said who it is."""
 
 
 @final
@@ -73,6 +76,7 @@ class CycleSession:
         )
         self.verdicts: dict[str, Verdict] = {}
         self._reasons: dict[str, str] = {}
+        self._interrupted = ""
         self.journal: Journal | None = None
         self._attempts: Attempts | None = None
 
@@ -80,7 +84,8 @@ class CycleSession:
         """Open the journal, start the bench, and record the reference of each DUT that has none.
 
         Raises:
-            DeviceError: a device does not do its part.
+            DeviceError: a device does not do its part, or a DUT is another one.
+            InterlockError: the guard stopped the bench.
             DataError: the output folder cannot be used, or the journal is another bench's.
             StorageError: a bag is where one of this session will go.
         """
@@ -91,7 +96,12 @@ class CycleSession:
         self._attempts = Attempts(
             self.runner, self.files, self.past, journal=journal, progress=self.progress, guard=self._guard
         )
-        self.bench.start()
+        try:
+            self.bench.start()
+            self.bench.require_own_duts(INTRODUCTION_S)
+        except InterlockError as error:
+            journal.append(journaling.safe_stop(error, self._guard.actions if self._guard is not None else ()))
+            raise
         self._references.load()
         if self._references.missing:
             self._record_references()
@@ -108,6 +118,9 @@ class CycleSession:
             return self._measure(step, item)
         except StepInvalidError as invalid:
             self._reasons.setdefault(step.id, str(invalid))
+            raise
+        except KeyboardInterrupt as interrupt:
+            self._interrupted = f"interrupted in step {step.id}: {interrupt or 'Ctrl-C'}"
             raise
         finally:
             self._end_cycle(step, item)
@@ -129,8 +142,13 @@ class CycleSession:
         return self._done(result, item)
 
     def close(self, reason: str) -> None:
-        """End the journal; the bench itself is closed by its own fixture."""
+        """End the journal; the bench itself is closed by its own fixture.
+
+        Args:
+            reason: why, unless it was interrupted in a step.
+        """
         self.progress.clear()
+        reason = self._interrupted or reason
         if self.journal is not None:
             told = [self.verdicts.get(step.id, Verdict.NOT_RUN) for step in self._plan]
             self.journal.append(journaling.session_end(reason, worst(told)))
@@ -154,7 +172,12 @@ class CycleSession:
         decisive = next(step_id for step_id, each in told.items() if each is verdict)
         reason = self._reasons.get(decisive, "")
         decided_by = "" if verdict is Verdict.PASS else f"{decisive}: {reason}".rstrip(": ")
-        self.journal.append(journaling.cycle_end(step.cycle, verdict, decided_by))
+        ended, known = journaling.cycle_end(step.cycle, verdict, decided_by), self.past.cycle_ends
+        if known.get(step.cycle) != ended:
+            self.journal.append(ended)
+        elif step.cycle != max(known):
+            # told from the journal, as its rules were judged then
+            return
         why = why_stop(self.files.stop, self.files.options.out, step.cycle, alive=self._alive)
         if why:
             self.journal.append(journaling.note(f"campaign ended after cycle {step.cycle}: {why}"))

@@ -136,7 +136,7 @@ def cycle_session(
     try:
         session.start()
     except BaseException as error:
-        session.close(f"did not start: {error}")
+        session.close(f"did not start: {error or type(error).__name__}")
         if isinstance(error, ArlError):
             request.session.shouldstop = "the cycle cannot start, no step is run"
         raise

@@ -65,6 +65,12 @@ class Past:
         assert self.record is not None
         return self.record.steps[step_id].verdict
 
+    @property
+    def cycle_ends(self) -> dict[int, entries.CycleEnd]:
+        """What was journalled of each cycle that is over, by cycle count."""
+        lines = self.record.lines if self.record is not None else []
+        return {line.entry.cycle: line.entry for line in lines if isinstance(line.entry, entries.CycleEnd)}
+
     def failures(self, step_id: str) -> list[str]:
         """Why earlier attempts at a step did not finish, one each."""
         if self.record is None or step_id not in self.record.steps:
@@ -84,11 +90,12 @@ class Past:
             StorageError: the journal cannot be written.
         """
         out = files.options.out
-        keep_inputs(files)
         if self.record is None:
+            keep_inputs(files)
             return Journal.create(new_journal_path(out), session_begin(files, plan), clock)
         now = identity(files)
         check_same(self.record, now)
+        keep_inputs(files)
         journal = Journal.resume(self.record.path, now, clock, reason="resumed with --resume")
         cut = [attempt for attempt in self.record.attempts if not attempt.finished]
         # the guard lets nobody drive a bench whose stop was not acknowledged: it has been

@@ -159,6 +159,7 @@ class StepRunner:
                 self._sweep(step, bag, statistics, listener, lose)
                 bench.read()
             bench.require_control()
+            bench.require_own_duts()
             receipt = bag.close()
         self._given_up = frozenset(lost)
         temperatures = mean_temperatures(readings)

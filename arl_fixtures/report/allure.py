@@ -11,11 +11,11 @@ import uuid
 from pathlib import Path
 from typing import Any, Final
 
+from arl_fixtures.files import write_whole
 from arl_fixtures.journal.record import SessionRecord
 from arl_fixtures.metrics.verdict import Verdict
 from arl_fixtures.report.steps import FUNCTION, MODULE, StepStory, step_stories
 from arl_fixtures.report.text import shown
-from arl_fixtures.report.write import write_whole
 
 CATEGORIES: Final = (
     {"name": "Limit exceeded", "matchedStatuses": ["failed"]},

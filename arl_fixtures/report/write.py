@@ -7,7 +7,8 @@ from pathlib import Path
 
 from arl_fixtures.bench.config import BenchConfig, load_bench
 from arl_fixtures.bench.keep import kept_bench
-from arl_fixtures.errors import ConfigError, StorageError
+from arl_fixtures.errors import ConfigError
+from arl_fixtures.files import write_whole
 from arl_fixtures.journal.record import SessionRecord
 from arl_fixtures.metrics.geometry_store import EXPECTATIONS
 from arl_fixtures.report.blocks import Report
@@ -70,19 +71,3 @@ def write_report(report: Report, folder: Path, name: str) -> tuple[Path, Path]:
     write_whole(written[0], html_page(report).encode())
     write_whole(written[1], pdf_bytes(report))
     return written
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Replace a file in one step.
-
-    Raises:
-        StorageError: it cannot be written.
-    """
-    part = path.with_name(path.name + ".part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_bytes(content)
-        part.replace(path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise StorageError(f"{path}: cannot be written: {error.strerror}") from None

@@ -141,20 +141,51 @@ def test_a_relay_that_falls_off_is_noticed(world):
         ("thermometer:wrong_channel_order@{}=2", Condition(watch="housings", disagreement=3.0)),
     ],
 )
-@pytest.mark.parametrize("doing", ["settling", "soaking", "sweeping"])
+@pytest.mark.parametrize(
+    "doing", ["settling", "soaking", "sweeping", "turning far", "homing", "taking many frames", "waiting for frames"]
+)
 def test_two_seconds_after_a_trip_the_bench_is_safe_whatever_it_was_doing(world, fault, condition, doing):
     guard, bench = guarded(world, condition)
     bench.set_temperature_c = 60.0
     bench.soak(400.0)
-    since_s = bench.clock.now_s + 33.3
+    bench.stage.move_to_deg(0.0)
+    bench.stage.wait_until_reached(60.0)
+    since_s = bench.clock.now_s + {"settling": 33.3, "soaking": 33.3, "sweeping": 33.3}.get(doing, 1.1)
+    if doing == "waiting for frames":
+        for dut in range(3):
+            world.plant.faults.inject(parse_fault(f"dut_{dut + 1}:dut_silent@{bench.clock.now_s}"))
     world.plant.faults.inject(parse_fault(fault.format(since_s)))
     work = {
         "settling": lambda: bench.settle(62.0),
         "soaking": lambda: bench.soak(60.0),
         "sweeping": lambda: list(sweep(bench, [0.9 * step for step in range(-60, 60)], frames=10)),
+        "turning far": lambda: list(sweep(bench, [-60.0, 60.0], frames=2)),
+        "homing": bench.home,
+        "taking many frames": lambda: list(sweep(bench, [0.0], frames=200)),
+        "waiting for frames": lambda: list(sweep(bench, [0.0], frames=200)),
     }
     with pytest.raises(InterlockError):
         work[doing]()
     assert not any(power(world))
     assert since_s < bench.clock.now_s <= since_s + 2.0
+    guard.close()
+
+
+def test_a_pause_asked_for_while_homing_waits_until_the_bench_is_homed(world):
+    guard, bench = guarded(world, PAUSE)
+    world.plant.faults.inject(parse_fault(f"chiller:low_level@{bench.clock.now_s}/120=40"))
+    bench.home()
+    bench.stage.move_to_deg(0.0)
+    with pytest.raises(HoldError, match="coolant level"):
+        bench.soak(10.0)
+    guard.wait_until_clear(bench)
+    guard.close()
+
+
+def test_a_dut_that_is_mute_too_long_for_the_bench_file_pauses_the_bench(world):
+    guard, bench = guarded(world, Condition(watch="duts", stale_s=1.5, action=Action.HOLD))
+    assert len(list(sweep(bench, [0.0, 0.9], frames=100))) == 2, "frames that come are none that are missing"
+    world.plant.faults.inject(parse_fault(f"dut_2:dut_silent@{bench.clock.now_s}"))
+    with pytest.raises(HoldError, match=r"no frame of ARL-EMU-0002 for \d\.\d s$"):
+        list(sweep(bench, [0.0, 0.9], frames=100))
     guard.close()

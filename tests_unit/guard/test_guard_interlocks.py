@@ -8,6 +8,7 @@ import pytest
 from real_processes import assert_safe_within, go_on, is_safe, reap, until
 
 from arl_fixtures.bench.build import open_bench
+from arl_fixtures.bench.sweep import sweep
 from arl_fixtures.errors import DeviceError, HoldError, InterlockError
 from arl_fixtures.guard.acknowledge import acknowledge
 from arl_fixtures.guard.runtime import read_stop
@@ -142,6 +143,18 @@ def test_late_answers_of_one_user_are_never_taken_by_the_other(make_stand, late)
             bench.clock.sleep(0.2)
         assert len(seen) >= 2
         assert all(seen)
+        assert bench.close() == []
+
+
+def test_a_set_of_frames_longer_than_any_patience_is_neither_a_dead_test_nor_a_mute_dut(make_stand):
+    stand = make_stand("guard: {poll_s: 1.0, heartbeat_timeout_s: 3.0, conditions: [{watch: duts, stale_s: 2}]}")
+    with stand.open_guard() as guard:
+        bench = open_bench(stand.config, lines=guard.lines)
+        guard.attach(bench)
+        bench.start()
+        ((_, _, _, blocks),) = sweep(bench, [0.0], frames=200)
+        assert [len(block.time_ns) for block in blocks.values()] == [200, 200, 200]
+        guard.check()
         assert bench.close() == []
 
 
