@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csc_array
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 
@@ -85,7 +86,7 @@ class Boosted:
             the watched rows' error after 0, 1, 2 … trees (empty without `watch`).
         """
         residual = target.copy()
-        wide = codes.astype(np.intp)  # once, not at every histogram
+        cells = _cells(codes)
         self.importance = np.zeros(len(codes))
         prior = self.ridge * float(weight.mean()) if len(weight) else 1.0
         errors: list[float] = []
@@ -93,7 +94,7 @@ class Boosted:
         if watch is not None:
             errors.append(float(np.sum(watch[2] * seen**2)))
         for _ in range(trees):
-            tree, leaf, gain = self._grow(wide, residual, weight, prior)
+            tree, leaf, gain = self._grow(codes, cells, residual, weight, prior)
             if tree is None:
                 break
             self.trees.append(tree)
@@ -115,35 +116,41 @@ class Boosted:
         return total
 
     def _grow(
-        self, codes: NDArray[np.intp], residual: FloatArray, weight: FloatArray, prior: float
+        self, codes: NDArray[np.uint8], cells: csc_array, residual: FloatArray, weight: FloatArray, prior: float
     ) -> tuple[Tree | None, IntArray, float]:
         push = weight * residual
         node: IntArray = np.zeros(len(residual), dtype=np.int64)
+        rows = np.arange(len(residual))
         features: list[int] = []
         thresholds: list[int] = []
-        for level in range(self.depth):
+        for level in range(self.depth if len(codes) else 0):
             nodes = 1 << level
-            best, choice = -np.inf, (-1, 0)
-            offset = node * BINS
-            for feature in range(len(codes)):
-                place = offset + codes[feature]
-                p = np.bincount(place, push, minlength=nodes * BINS).reshape(nodes, BINS).cumsum(axis=1)
-                w = np.bincount(place, weight, minlength=nodes * BINS).reshape(nodes, BINS).cumsum(axis=1)
-                rest_p, rest_w = p[:, -1:] - p, w[:, -1:] - w
-                gain = (p**2 / (w + prior) + rest_p**2 / (rest_w + prior)).sum(axis=0)
-                cut = int(np.argmax(gain[:-1]))
-                if gain[cut] > best:
-                    best, choice = float(gain[cut]), (feature, cut)
-            if choice[0] < 0:
-                return None, node, 0.0
-            features.append(choice[0])
-            thresholds.append(choice[1])
-            node = node * 2 + (codes[choice[0]] > choice[1])
+            split = np.zeros((len(residual), 2 * nodes))
+            split[rows, node] = push
+            split[rows, nodes + node] = weight
+            sums = (cells @ split).T.reshape(2, nodes, len(codes), BINS).cumsum(axis=3)
+            p, w = sums
+            rest_p, rest_w = p[..., -1:] - p, w[..., -1:] - w
+            gain = (p**2 / (w + prior) + rest_p**2 / (rest_w + prior)).sum(axis=0)[:, :-1]
+            feature, cut = divmod(int(np.argmax(gain)), BINS - 1)
+            features.append(feature)
+            thresholds.append(cut)
+            node = node * 2 + (codes[feature] > cut)
+        if not features:
+            return None, node, 0.0
         leaves = 1 << self.depth
         p = np.bincount(node, push, minlength=leaves)
         w = np.bincount(node, weight, minlength=leaves)
         values = p / (w + prior)
         return Tree(tuple(features), tuple(thresholds), values), node, float(np.sum(p**2 / (w + prior)))
+
+
+def _cells(codes: NDArray[np.uint8]) -> csc_array:
+    """Which rows fall into each bin of each column, (columns · BINS, rows): one product sums them all."""
+    columns, n = codes.shape
+    place = codes.T.astype(np.int32) + BINS * np.arange(columns, dtype=np.int32)
+    ends = columns * np.arange(n + 1, dtype=np.int32)
+    return csc_array((np.ones(place.size), place.ravel(), ends), shape=(columns * BINS, n))
 
 
 def _leaf(tree: Tree, codes: NDArray[np.uint8]) -> IntArray:

@@ -18,7 +18,7 @@ import numpy as np
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import Parameter, State, Variant
 from arl_fixtures.reconcile.problem import Problem
-from arl_fixtures.reconcile.terms import Term, forward
+from arl_fixtures.reconcile.terms import Term, beside
 
 FREEDOM = 8.0
 FIRST_SIZE, LAST_SIZE, RATIO = 0.001, 30.0, 2.0
@@ -105,12 +105,12 @@ def outwards(
     residual = problem.whiten_state(base)
     before = loss(residual)
     amplitudes = term.variant.amplitudes()
+    tried = beside(others, term, problem.view)
 
     def trials(shape: dict[str, float], direction: FloatArray) -> Callable[[float], Trial]:
         def trial(size: float) -> Trial:
             values = values_at(term.variant, shape, size * direction)
-            state = forward([*others, term.with_values(values)], problem.view)
-            change = problem.whiten_change(base, state)
+            change = problem.whiten_change(base, tried(term.with_values(values)))
             gains = np.bincount(unit, before - loss(residual - change), minlength=units)[:units]
             return values, change, np.append(gains, gains.sum())
 

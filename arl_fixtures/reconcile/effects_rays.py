@@ -8,6 +8,7 @@ same rays are traced again, exactly, which is cheap enough for every trial of a 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from hashlib import blake2b
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,8 +58,17 @@ class Pose:
 
     def arrays(self) -> list[FloatArray]:
         """The attributes that are given row by row."""
-        every = (self.turn_deg, self.forward_m, self.right_m, self.focal, self.blur_px)
-        return [value for value in every if isinstance(value, np.ndarray)]
+        return [value for value in self._numbers() if isinstance(value, np.ndarray)]
+
+    def digest(self) -> bytes:
+        """What tells this pose from others."""
+        found = blake2b(repr(self.tilt_deg).encode(), digest_size=16)
+        for value in self._numbers():
+            found.update(b"rows" + value.tobytes() if isinstance(value, np.ndarray) else repr(float(value)).encode())
+        return found.digest()
+
+    def _numbers(self) -> tuple[Number, ...]:
+        return self.turn_deg, self.forward_m, self.right_m, self.focal, self.blur_px
 
 
 NOMINAL = Pose()

@@ -34,6 +34,7 @@ _FEWEST = 20
 _SHARP_LIGHT, _SHARP_RANGE_M = 4e-3, 2e-3
 _MOST_UNEQUAL = 0.03
 _FEWEST_OF_PIXEL = 5
+_MOST_KEPT = 12_000_000  # numbers: 100 MB
 _WIDEST_PX = 2
 _TAPS = tuple((du, dv) for du in range(-_WIDEST_PX, _WIDEST_PX + 1) for dv in range(-_WIDEST_PX, _WIDEST_PX + 1))
 
@@ -205,19 +206,31 @@ def rendered(view: View, pose: Pose = NOMINAL) -> dict[str, FloatArray] | None:
     if bench is None:
         return None
     if pose is NOMINAL:
-        return per_view(view, "rendered here", lambda: _rendered(view, bench, NOMINAL))
-    return _rendered(view, bench, pose)
+        return per_view(view, "rendered here", lambda: _by_channel(view, bench, *_rendered(view, bench, NOMINAL)))
+    return _by_channel(view, bench, *_kept(view, bench, pose))
 
 
-def _rendered(view: View, bench: Bench, pose: Pose) -> dict[str, FloatArray]:
+def _kept(view: View, bench: Bench, pose: Pose) -> tuple[FloatArray, FloatArray]:
+    """Light and moment of the rows in a pose; a search tries the same poses again beside other effects."""
+    kept = per_view(view, "looks kept", dict[bytes, tuple[FloatArray, FloatArray]])
+    key = pose.digest()
+    if key not in kept:
+        found = _rendered(view, bench, pose)
+        if (len(kept) + 1) * 2 * view.n > _MOST_KEPT:
+            return found
+        kept[key] = found
+    return kept[key]
+
+
+def _rendered(view: View, bench: Bench, pose: Pose) -> tuple[FloatArray, FloatArray]:
     numbers, first, back = _distinct(view, bench)
     if all(np.array_equal(value[first][back], value) for value in pose.arrays()):
         spots = per_view(view, "seen spots", lambda: bench.spots.take(numbers))
         usual = isinstance(pose.focal, float) and pose.focal == 1.0
         rays = per_view(view, "seen rays", lambda: rays_of(bench.optics, spots)) if usual else None
         light, moment = look(bench.optics, spots, pose.on(first), rays)
-        return _by_channel(view, bench, light[back], moment[back])
-    return _by_channel(view, bench, *look(bench.optics, bench.spots.take(bench.index[view.rows]), pose))
+        return light[back], moment[back]
+    return look(bench.optics, bench.spots.take(bench.index[view.rows]), pose)
 
 
 def _distinct(view: View, bench: Bench) -> tuple[IntArray, IntArray, IntArray]:

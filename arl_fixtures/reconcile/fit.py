@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.direct import FIRST_STEP, loss, refine, secant, undiminished
 from arl_fixtures.reconcile.effect import Parameter, State
 from arl_fixtures.reconcile.problem import Problem
-from arl_fixtures.reconcile.terms import Term, forward
+from arl_fixtures.reconcile.terms import Term, beside, forward
 
 SHORT = 4
 """Rounds up to which a fit starts near its end."""
@@ -78,13 +78,18 @@ def jacobian_of(
     """Numerical derivative, whitened, shape (stacked rows, parameters)."""
     columns = []
     vector = np.array([terms[index].values[p.name] for index, p in keys])
-    for place, (_, p) in enumerate(keys):
+    tried: dict[int, Callable[[Term], State]] = {}
+    for place, (index, p) in enumerate(keys):
         h = step * unit_step(p)
         if vector[place] + h > p.high:
             h = -h
         moved = vector.copy()
         moved[place] += h
-        columns.append(problem.whiten_change(state, forward(with_vector(terms, keys, moved), problem.view)) / h)
+        if index not in tried:
+            tried[index] = beside([*terms[:index], *terms[index + 1 :]], terms[index], problem.view)
+        columns.append(
+            problem.whiten_change(state, tried[index](with_vector(terms, keys, moved)[index])) / h
+        )  # fmt: skip
     return np.stack(columns, axis=1) if columns else np.zeros((sum(len(d.use) for d in problem.data), 0))
 
 

@@ -19,7 +19,7 @@ from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.direct import loss, outwards, undiminished
 from arl_fixtures.reconcile.effect import Effect, Kind, State, Variant
 from arl_fixtures.reconcile.problem import Problem
-from arl_fixtures.reconcile.terms import Term, default_values, forward
+from arl_fixtures.reconcile.terms import Term, beside, default_values, forward
 
 MAX_STARTS = 12
 DRAWS = 100
@@ -49,10 +49,16 @@ class Screening:
     Attributes:
         candidates: one per variant, restriction and effect.
         chance: sorted draws of the largest gain on data without mismatch.
+        wide: the same of variants that search along a shape (a period): their many looks are theirs to pay.
     """
 
     candidates: tuple[Candidate, ...]
     chance: FloatArray
+    wide: FloatArray
+
+    def surcharge(self, level: float) -> float:
+        """What a search along a shape must gain beyond the threshold of the other effects."""
+        return max(gumbel_quantile(self.wide, level) - self.threshold(level), 0.0) if np.any(self.wide > 0) else 0.0
 
     def threshold(self, level: float) -> float:
         """Gain that the best candidate exceeds by chance with probability 1 − level (Gumbel tail of the draws)."""
@@ -114,9 +120,16 @@ def starts_of(variant: Variant) -> Iterator[dict[str, float]]:
         yield dict(zip((p.name for p in shapes), product, strict=True))
 
 
+def is_search(variant: Variant) -> bool:
+    """Whether a variant is tried along a shape from more starts than products of shapes are."""
+    shapes = variant.shapes()
+    return len(shapes) == 1 and len(shapes[0].starts) > MAX_STARTS
+
+
 def tangents_of(problem: Problem, others: Sequence[Term], base: State, term: Term) -> FloatArray:
     """Whitened change per typical size of each amplitude at the term's shapes, shape (amplitudes, stacked rows)."""
     rows = []
+    tried = beside(others, term, problem.view)
     for p in term.variant.amplitudes():
         if p.per:
             continue
@@ -126,8 +139,7 @@ def tangents_of(problem: Problem, others: Sequence[Term], base: State, term: Ter
             step = -step
         values = {q.name: (q.null if q.null is not None else 0.0) for q in term.variant.amplitudes()}
         trial = term.with_values({**term.values, **values, p.name: null + step})
-        state = forward([*others, trial], problem.view)
-        rows.append(problem.whiten_change(base, state) / (step / p.typical))
+        rows.append(problem.whiten_change(base, tried(trial)) / (step / p.typical))
     return np.stack(rows)
 
 
@@ -161,7 +173,7 @@ def screen(
         if with_chance
         else None
     )
-    best_by_chance = np.zeros(DRAWS)
+    best_by_chance, best_by_search = np.zeros(DRAWS), np.zeros(DRAWS)
     found: list[Candidate] = []
     for effect, variant in variants:
         if variant.label in taken:
@@ -189,7 +201,8 @@ def screen(
                     )
                     best[label] = Candidate(term=placed, gain=gain, free=len(term.free()))
             if noise is not None:
-                np.maximum(best_by_chance, _chance(tangents, noise, variant), out=best_by_chance)
+                largest = best_by_search if is_search(variant) else best_by_chance
+                np.maximum(largest, _chance(tangents, noise, variant), out=largest)
         if variant.rough:
             places = (unit, labels, column) if alone else (np.zeros_like(unit), ("",), "")
             with undiminished(problem):
@@ -197,7 +210,7 @@ def screen(
                 best = _rough(problem, others, base, whole, effect, variant, best, places, noise, best_by_chance)
         found.extend(best.values())
     found.sort(key=lambda c: (-c.gain, c.term.label))
-    return Screening(candidates=tuple(found), chance=np.sort(best_by_chance))
+    return Screening(candidates=tuple(found), chance=np.sort(best_by_chance), wide=np.sort(best_by_search))
 
 
 def _rough(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -83,9 +83,27 @@ def _inside(p: Parameter, value: float) -> float:
 def forward(terms: Sequence[Term], view: View) -> State:
     """Corrected simulation of the view's rows: all terms in the order of their stages."""
     state = view.fresh_state()
-    for term in sorted(terms, key=lambda t: (t.effect.stage, t.label)):
+    for term in sorted(terms, key=_order):
         state = term.apply(state, view)
     return state
+
+
+def beside(others: Sequence[Term], term: Term, view: View) -> Callable[[Term], State]:
+    """`forward` of others and a term that is tried with many values: what acts before it is worked out once."""
+    before = forward([t for t in others if _order(t) <= _order(term)], view)
+    later = sorted((t for t in others if _order(t) > _order(term)), key=_order)
+
+    def tried(trial: Term) -> State:
+        state = trial.apply(before, view)
+        for other in later:
+            state = other.apply(state, view)
+        return state
+
+    return tried
+
+
+def _order(term: Term) -> tuple[int, str]:
+    return term.effect.stage, term.label
 
 
 def field_keys(per: tuple[str, ...], view: View) -> tuple[IntArray, list[tuple[str, ...]]]:

@@ -32,11 +32,13 @@ class View:
     Args:
         columns: the whole table.
         rows: indices of the rows under work; all where None.
+        scatters: whether the simulation's scatters are carried along that the table has not measured: needed to
+            predict them, wasted on a fit.
 
     `memo` is room for what effects compute once per view, `columns.memo` for once per table.
     """
 
-    def __init__(self, columns: Columns, rows: IntArray | None = None) -> None:
+    def __init__(self, columns: Columns, rows: IntArray | None = None, *, scatters: bool = True) -> None:
         self.columns = columns
         self._all = rows is None
         self.rows: IntArray = np.arange(columns.n) if rows is None else np.asarray(rows, dtype=np.int64)
@@ -48,7 +50,7 @@ class View:
         self.sim: State = {}
         for channel in columns.channels:
             self.sim[channel.name] = self.number(f"sim_{channel.name}")
-            if f"sim_{channel.name}_std" in columns.numbers:
+            if scatters and f"sim_{channel.name}_std" in columns.numbers:
                 self.sim[f"{channel.name}_std"] = self.number(f"sim_{channel.name}_std")
 
     # ---- columns ---------------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effect import Effect, Option, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
     above,
     amplitude,
@@ -46,15 +46,19 @@ class DarkOffset(Effect):
                 parameters = [amplitude("dark", unit, 0.0, 0.5 * top, 0.01 * top)]
                 if column:
                     parameters.append(shape("doubling", "K", 4.0, 40.0, 9.0))
-                if f"{channel}_std" in view.sim:
-                    start = noise_law(view, channel)[1]
-                    start = start if start > 0.0 else 1e-3 * top
+                highest = _highest(view, column)
+                options: dict[str, Option] = {"channel": channel, "temperature": column, "highest": highest}
+                shot, seen = noise_law(view, channel)[1], with_scatter(view, channel)
+                if len(seen) > 1:  # only a scatter that was measured can tell
+                    start = shot if shot > 0.0 else 1e-3 * top
                     parameters.append(shape("shot", f"{unit}^2/{unit}", 0.0, 20.0 * start, start))
+                else:
+                    options["shot"] = rounded(shot)
                 yield Variant(
                     effect=self.id,
-                    options={"channel": channel, "temperature": column, "highest": _highest(view, column)},
+                    options=options,
                     parameters=tuple(parameters),
-                    channels=with_scatter(view, channel),
+                    channels=seen,
                     drivers=(column,) if column else (f"sim_{channel}",),
                 )
 
@@ -68,7 +72,8 @@ class DarkOffset(Effect):
         state[channel] = state[channel] + added
         scatter = f"{channel}_std"
         if scatter in state:
-            state[scatter] = np.sqrt(state[scatter] ** 2 + values.get("shot", 0.0) * added)
+            shot = float(values.get("shot", variant.options.get("shot", 0.0)))
+            state[scatter] = np.sqrt(state[scatter] ** 2 + shot * added)
 
     def expression(self, variant: Variant) -> str:
         """The law."""

@@ -104,16 +104,24 @@ def _carried(view: View, channel: str) -> tuple[str, ...]:
 
 
 def _plateau(record: History, tau: float, point: float, latent: float) -> FloatArray:
-    """Temperature of the node with `latent` kelvin to melt at `point`; implicit in the drive, so stable at any "
-    "step."""
+    """Temperature of the node with `latent` kelvin to melt at `point`; implicit, so stable at any step."""
     drive = record.values + tau * rate(record)
     gain = 1.0 - float(np.exp(-record.interval / tau))
-    first = record.values[:, 0]
-    heat = np.where(first > point, first + latent, first)
+    pushed = 0.5 * (drive[:, :-1] + drive[:, 1:])
     result = np.empty_like(record.values)
-    result[:, 0] = first
-    for index in range(1, drive.shape[1]):
-        now = result[:, index - 1]
-        heat = heat + gain * (0.5 * (drive[:, index - 1] + drive[:, index]) - now)
-        result[:, index] = np.where(heat < point, heat, np.maximum(heat - latent, point))
+    for row, (now, pushes) in enumerate(zip(record.values[:, 0].tolist(), pushed.tolist(), strict=True)):
+        result[row] = _melted(now, pushes, gain, point, latent)
     return result
+
+
+def _melted(now: float, pushes: list[float], gain: float, point: float, latent: float) -> list[float]:
+    """One record; plain numbers, for each needs the one before."""
+    heat = now + latent if now > point else now
+    held = [now]
+    for push in pushes:
+        heat += gain * (push - now)
+        now = heat if heat < point else heat - latent
+        if heat >= point > now:
+            now = point
+        held.append(now)
+    return held

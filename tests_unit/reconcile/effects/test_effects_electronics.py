@@ -89,6 +89,16 @@ def test_dark_counts_bring_their_shot_noise():
     assert state["signal_counts_std"][1] == pytest.approx(frames.std(), rel=0.02)
 
 
+def test_dark_counts_of_an_unmeasured_scatter_bring_the_shot_noise_that_the_simulation_has():
+    own, dark = np.linspace(100.0, 900.0, 50), 300.0
+    frames = np.random.default_rng(8).poisson(own[0] + dark, size=40_000)
+    numbers = {"signal_counts": own, "sim_signal_counts": own, "sim_signal_counts_std": np.sqrt(own)}
+    view = View(make_columns({**numbers, "tof_temperature_c": np.full(50, 40.0)}, {}, shuffle=None)[0])
+    variant = variant_of(view, "detector.dark_offset")
+    assert [p.name for p in variant.parameters] == ["dark"]
+    assert corrected(view, variant, dark=dark)["signal_counts_std"][0] == pytest.approx(frames.std(), rel=0.02)
+
+
 @pytest.mark.parametrize("paralysis", [0.0, 1.0])
 def test_pile_up_counts_and_ranges_as_photons_that_meet_a_dead_time(paralysis):
     rng = np.random.default_rng(5)
