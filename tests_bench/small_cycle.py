@@ -202,7 +202,7 @@ def run_cycle(
         over = f"did not start: {error}"
     finally:
         path = session.journal.path if session.journal is not None else None
-        session.close(over or "finished")
+        session.close(over)
         unsafe = bench.close()
         guard.close()
     world.plant.advance(world.clock.now_s)

@@ -145,15 +145,16 @@ class CycleSession:
         """End the journal; the bench itself is closed by its own fixture.
 
         Args:
-            reason: why, unless it was interrupted in a step.
+            reason: why; empty when nothing more was to be run.
         """
-        self.progress.clear()
-        reason = self._interrupted or reason
         if self.journal is not None:
             told = [self.verdicts.get(step.id, Verdict.NOT_RUN) for step in self._plan]
-            self.journal.append(journaling.session_end(reason, worst(told)))
+            left = [step.id for step in self._plan if step.id not in self.verdicts]
+            by_itself = f"ended before step {left[0]}" if left else "finished"
+            self.journal.append(journaling.session_end(self._interrupted or reason or by_itself, worst(told)))
             self.journal.close()
             self.journal = None
+        self.progress.clear()
 
     def _require_room(self) -> None:
         """Find a bag in the way now, not after hours at its step."""

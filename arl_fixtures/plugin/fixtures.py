@@ -141,7 +141,7 @@ def cycle_session(
             request.session.shouldstop = "the cycle cannot start, no step is run"
         raise
     yield session
-    session.close("finished" if not request.session.shouldstop else str(request.session.shouldstop))
+    session.close(str(request.session.shouldstop or ""))
 
 
 @pytest.fixture

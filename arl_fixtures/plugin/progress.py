@@ -81,7 +81,8 @@ class PytestScreen:
 
     def show(self, line: str) -> None:
         """Replace the status line on a terminal, add a line elsewhere."""
-        with self._uncaptured():
+        # a terminal that was closed, a pipe that nobody reads: no reason to end a cycle, nor not to say how it ended
+        with contextlib.suppress(OSError), self._uncaptured():
             if self._terminal:
                 self._stream.write(BELOW + line + BACK)
             elif line:

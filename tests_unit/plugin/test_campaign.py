@@ -11,14 +11,15 @@ from arl_fixtures.plugin.campaign import CampaignFile, Drift, StopRules, WearOut
 from arl_fixtures.yaml_model import load_model
 
 
-def write(out, cycle, values, *, verdict="PASS", unit="%"):
-    """One session of one cycle: a value per DUT at two temperature steps."""
+def write(out, cycle, values, *, verdict="PASS", unit="%", planned=1):
+    """One session that ended after one of the planned cycles: a value per DUT at two temperature steps."""
     identity = entries.Identity(
         duts=tuple(entries.Dut(serial=dut) for dut in values), bench_sha256="0", profile_sha256="0",
         limits_sha256="0", software_version="0",
     )  # fmt: skip
     plan = (f"c{cycle}-0", f"c{cycle}-1")
-    begin = entries.SessionBegin(campaign="c", cycles=(cycle,), plan=plan, identity=identity)
+    cycles = tuple(range(cycle, cycle + planned))
+    begin = entries.SessionBegin(campaign="c", cycles=cycles, plan=plan, identity=identity)
     with Journal.create(out / f"session-{cycle + 1:04d}.jsonl", begin, VirtualClock()) as journal:
         for index, step in enumerate(plan):
             at = {"step_id": step, "attempt": 1}
@@ -38,8 +39,8 @@ def write(out, cycle, values, *, verdict="PASS", unit="%"):
 def test_cycles_are_counted_over_all_journals(tmp_path):
     assert next_cycle(tmp_path) == 0
     write(tmp_path, 0, {"A": 0.0})
-    write(tmp_path, 4, {"A": 0.0})
-    assert next_cycle(tmp_path) == 5
+    write(tmp_path, 4, {"A": 0.0}, planned=10)
+    assert next_cycle(tmp_path) == 5, "cycles that were planned and never begun are not done"
 
 
 def test_wear_out_names_dut_and_value_and_converts_units(tmp_path):

@@ -30,6 +30,9 @@ def test_a_campaign_ends_by_its_own_rule_and_counts_its_cycles(session):
     assert "campaign ended after cycle 0: ARL-EMU-0001 dead_pixels is " in done.stdout
     (end,) = session.of_type("cycle_end")
     assert end["cycle"] == 0
+    done = session.run("--campaign=campaign.yaml", "-k", "00-up", "--resume")
+    assert "campaign ended after cycle 0: ARL-EMU-0001 dead_pixels is " in done.stdout, "the rule still holds"
+    assert session.of_type("cycle_end") == [end]
     session.write("campaign.yaml", "cycles: 1\n")
     done = session.run("--campaign=campaign.yaml")
     assert done.returncode == 4
@@ -175,7 +178,17 @@ def test_signals_end_the_session_with_its_journal_closed_and_the_bench_safe(sess
     out, _ = child.communicate(timeout=60)
     assert child.returncode == 2, out
     assert session.journal()[-1]["type"] == "session_end"
+    assert session.journal()[-1]["reason"] != "finished"
     assert "could NOT be verified" not in out
+
+
+def test_a_terminal_that_is_gone_does_not_keep_the_journal_from_its_end(session):
+    child = start_until(session, "settle", 2)
+    child.stdout.close()
+    child.send_signal(signal.SIGHUP)
+    assert child.wait(timeout=60) != 0
+    assert session.journal()[-1]["type"] == "session_end"
+    assert session.journal()[-1]["reason"] != "finished"
 
 
 def test_resume_after_a_kill_gives_what_an_undisturbed_cycle_gives(session):
