@@ -122,20 +122,22 @@ class ThermalRolloff(LightFactor):
         return f"{channel} *= 1 - slope * (exp(growth * ({column} - {origin})) - 1) / growth"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
-        """Loss over the table's temperatures."""
+        """Loss over the table's temperatures; of a light-current curve how threshold and slope move."""
         column = str(variant.options["temperature"])
         low, high = view.span(column)
+        if variant.options["kind"] == "curve":
+            shift = float(values["threshold_shift"]) * 1e3
+            steeper = float(np.expm1(-float(values["loss"]) * (high - low))) * 100.0
+            return (
+                f"The laser's threshold current rises by {shift:.2f} mA per kelvin of {column}; the slope above it "
+                f"changes by {steeper:+.1f} % from {low:.0f} to {high:.0f} °C."
+            )
         text = (
             f"The laser gives less light as it gets warmer: {percent(*self.change(variant, values, view))} "
             f"of the signal from {low:.0f} to {high:.0f} °C of {column}"
         )
         if variant.options["kind"] == "knee":
             return f"{text}, all of it above {values['knee']:.1f} °C, where the cooler no longer holds it."
-        if variant.options["kind"] == "curve":
-            return (
-                f"{text} in slope; its threshold current rises by {values['threshold_shift'] * 1e3:.2f} mA per "
-                "kelvin."
-            )
         return f"{text}."
 
     def where(self, variant: Variant, values: Values, view: View) -> dict[str, list[str] | list[float]]:

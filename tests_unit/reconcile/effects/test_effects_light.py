@@ -1,5 +1,7 @@
 """Laser, beam, optics, targets and air: operators against physics made by other means."""
 
+import re
+
 import numpy as np
 import pytest
 from rendered_bench import bench, corrected, left_over, make_columns, variant_of
@@ -87,12 +89,13 @@ def test_rolloff_fits_a_diode_whose_threshold_grows_exponentially():
     assert np.all(np.diff(state["signal_counts"]) < 0.0)
 
 
-def test_rolloff_shifts_the_whole_light_current_curve():
+@pytest.mark.parametrize("fade", [0.004, -0.009])
+def test_rolloff_shifts_the_whole_light_current_curve_and_says_which_way_its_slope_goes(fade):
     current, warm = (part.ravel() for part in np.meshgrid(np.linspace(0.0, 3.0, 301), [20.0, 35.0]))
 
     def diode(j, temperature):
         threshold = 1.0 + 0.02 * (temperature - 20.0)
-        slope = 400.0 * np.exp(-0.004 * (temperature - 20.0))
+        slope = 400.0 * np.exp(-fade * (temperature - 20.0))
         return 5.0 * j + slope * 0.02 * np.logaddexp(0.0, (j - threshold) / 0.02)
 
     columns = plain_table(
@@ -110,6 +113,13 @@ def test_rolloff_shifts_the_whole_light_current_curve():
     )
     assert left_over(view, corrected(view, variant, **values), "photodiode_w") < 2e-3
     assert values["threshold_shift"] == pytest.approx(0.02, rel=0.05)
+    slopes = [
+        np.diff(diode(np.array([2.5, 3.0]), temperature))[0] / 0.5 - 5.0 for temperature in (20.0, 35.0)
+    ]  # fmt: skip
+    said = library()["laser.thermal_rolloff"].sentence(variant, values, view)
+    percent = float(re.search(r"changes by ([+-][\d.]+) %", said)[1])
+    assert percent == pytest.approx((slopes[1] / slopes[0] - 1.0) * 100.0, abs=1.5)
+    assert f"{values['threshold_shift'] * 1e3:.2f} mA per kelvin" in said
 
 
 def test_power_decay_weights_time_by_temperature_as_a_rate_equation_does():
