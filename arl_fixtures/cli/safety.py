@@ -57,10 +57,18 @@ def ack(bench_file: str, runtime: Path | None, note: str, by: str | None, yes: b
     click.echo(str(report))
     for action in report.actions:
         click.echo(f"  {action['time_s']:.3f} s  {action['step']}: {action['fault'] or 'verified'}")
-    if not yes:
-        click.confirm("Has somebody looked at the bench, and may it be driven again?", abort=True)
+    if not (yes or _agreed("Has somebody looked at the bench, and may it be driven again?")):
+        raise InterlockError("not acknowledged; the bench stays as it is (--yes where nobody can be asked)")
     acknowledge(places, who=by or getpass.getuser(), note=note)
     click.echo("acknowledged")
+
+
+def _agreed(question: str) -> bool:
+    try:
+        return click.confirm(question)
+    except click.Abort:
+        click.echo()
+        return False
 
 
 @click.command()

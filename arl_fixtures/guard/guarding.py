@@ -262,7 +262,7 @@ def _connected(
     for last in (False, True):
         pid = lease_holder(places.lease, lease_s=config.guard.lease_s)
         if pid == 0:
-            _require_acknowledged(places)
+            _require_acknowledged(places, bench_file)
             pid = start_guard(bench_file, places, lab=lab)
         try:
             link = connect_guard(
@@ -287,11 +287,11 @@ def _connected(
     raise InterlockError(f"bench '{config.name}': the guard ends again and again")
 
 
-def _require_acknowledged(places: Places) -> None:
+def _require_acknowledged(places: Places, bench_file: str) -> None:
     stop: StopReport | None = read_stop(places)
     # where nobody has ended a session a guard must come first, and refuse the test after that
     if stop is not None and stop.blocks and not places.driven.exists():
-        raise InterlockError(f"{stop}; acknowledge with: arl ack")
+        raise InterlockError(f"{stop}; acknowledge with: arl ack --bench {bench_file}")
 
 
 def _wait_for_end(places: Places, config: BenchConfig) -> None:

@@ -232,8 +232,13 @@ class StopReport:
         text = f"bench '{self.bench}' was stopped at {self.utc}: {self.cause}"
         if self.unverified:
             what = "; ".join(f"{step}: {why}" for step, why in self.unverified.items())
-            return f"{text}; could NOT be verified: {what}"
-        return f"{text}; laser and DUT power off, safe set-point and stage stop were verified"
+            text += f"; could NOT be verified: {what}"
+        else:
+            text += "; laser and DUT power off, safe set-point and stage stop were verified"
+        if self.acknowledged:
+            who, note = (self.acknowledged.get(key, "") for key in ("by", "note"))
+            text += f"; acknowledged by {who}: {note or 'without a note'}"
+        return text
 
 
 def read_stop(places: Places) -> StopReport | None:

@@ -90,9 +90,10 @@ class CycleSession:
             StorageError: a bag is where one of this session will go.
         """
         self._require_room()
-        journal = self.journal = self.past.open(self.files, self._plan, self.bench.clock)
-        if self._guard is not None and self._guard.last_stop:
-            journal.append(journaling.note(f"before this session: {self._guard.last_stop}"))
+        last_stop = self._guard.last_stop if self._guard is not None else ""
+        journal = self.journal = self.past.open(self.files, self._plan, self.bench.clock, last_stop=last_stop)
+        if last_stop:
+            journal.append(journaling.note(f"before this session: {last_stop}"))
         self._attempts = Attempts(
             self.runner, self.files, self.past, journal=journal, progress=self.progress, guard=self._guard
         )

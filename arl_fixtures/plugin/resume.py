@@ -80,10 +80,16 @@ class Past:
             for attempt in self.record.steps[step_id].attempts
         ]
 
-    def open(self, files: SessionFiles, plan: Sequence[CycleStep], clock: Clock) -> Journal:
+    def open(self, files: SessionFiles, plan: Sequence[CycleStep], clock: Clock, *, last_stop: str = "") -> Journal:
         """The journal to go on with: the old one, or a new one in the output folder.
 
         Cut bags are recovered, and that is journalled.
+
+        Args:
+            files: of the session.
+            plan: its steps.
+            clock: the bench clock.
+            last_stop: what the guard says of the last stop, and of who acknowledged it.
 
         Raises:
             DataError: the journal is of another DUT, bench or profile; the message names the difference.
@@ -99,8 +105,9 @@ class Past:
         journal = Journal.resume(self.record.path, now, clock, reason="resumed with --resume")
         cut = [attempt for attempt in self.record.attempts if not attempt.finished]
         # the guard lets nobody drive a bench whose stop was not acknowledged: it has been
+        note = f"the bench may be driven again; {last_stop}".rstrip("; ")
         journal_lines: list[entries.JournalModel] = [
-            entries.Acknowledgement(of_seq=seq, by="guard", note="the guard let the bench be driven again")
+            entries.Acknowledgement(of_seq=seq, by="guard", note=note)
             for seq, _ in self.record.unacknowledged()
         ]
         known = {line.entry.path for line in self.record.lines if isinstance(line.entry, entries.Recovery)}
