@@ -8,6 +8,7 @@ over-fit.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -170,6 +171,7 @@ class Ceiling:
         block_gain: half the reduction of the sum of squares per held-out fold (log-likelihood).
         importance: column to its share of the splits' gain.
         prediction: cross-fitted prediction, in the target's unit.
+        models: one for each held-out fold; size: trees of each that are used.
     """
 
     before: float
@@ -177,6 +179,12 @@ class Ceiling:
     block_gain: FloatArray
     importance: dict[str, float]
     prediction: FloatArray
+    models: tuple[Boosted, ...] = ()
+    size: int = 0
+
+    def predict(self, codes: NDArray[np.uint8], fold: IntArray) -> FloatArray:
+        """Prediction for further rows of the same folds."""
+        return _crossed(self.models, codes, fold, self.size)
 
     @property
     def gain(self) -> float:
@@ -205,10 +213,6 @@ def ceiling(
         paths.append(path + [path[-1]] * (trees + 1 - len(path)))
     stacked = np.array(paths) if paths else np.zeros((1, 1))
     best = int(np.argmin(stacked.sum(axis=0)))
-    prediction = np.zeros(len(target))
-    for k, model in enumerate(models):
-        test = fold == k
-        prediction[test] = model.predict(binned.codes[:, test], best)
     total = max(float(np.sum(weight > 0)), 1.0)
     share = importance / importance.sum() if importance.sum() > 0 else importance
     return Ceiling(
@@ -216,5 +220,13 @@ def ceiling(
         after=float(stacked[:, best].sum()) / total,
         block_gain=0.5 * (stacked[:, 0] - stacked[:, best]),
         importance=dict(zip(binned.names, share.tolist(), strict=True)),
-        prediction=prediction,
-    )
+        prediction=_crossed(models, binned.codes, fold, best), models=tuple(models), size=best,
+    )  # fmt: skip
+
+
+def _crossed(models: Sequence[Boosted], codes: NDArray[np.uint8], fold: IntArray, trees: int) -> FloatArray:
+    prediction = np.zeros(codes.shape[1])
+    for k, model in enumerate(models):
+        test = fold == k
+        prediction[test] = model.predict(codes[:, test], trees)
+    return prediction

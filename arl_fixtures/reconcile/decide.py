@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from arl_fixtures.reconcile.acceptance import MISFIT_SHARE, PRICE
 from arl_fixtures.reconcile.diagnosis import ChannelFit, Finding
 from arl_fixtures.reconcile.effect import Effect, State
 from arl_fixtures.reconcile.findings import (
@@ -24,11 +25,18 @@ from arl_fixtures.reconcile.fit import Fit, finish, fit, with_vector
 from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.law_search import Chosen, add_trees, search_law
 from arl_fixtures.reconcile.locate import locate, located_law
-from arl_fixtures.reconcile.patterns import Pattern, Scatter, find_patterns, find_scatter, is_calibration
+from arl_fixtures.reconcile.patterns import (
+    PATTERN_GAIN,
+    Pattern,
+    Scatter,
+    find_patterns,
+    find_scatter,
+    is_calibration,
+)
 from arl_fixtures.reconcile.pilot import Structure
 from arl_fixtures.reconcile.problem import FOLDS, ChannelData, Problem
 from arl_fixtures.reconcile.roles import Role
-from arl_fixtures.reconcile.search import MISFIT_SHARE, PRICE, Found, Search, constant_z
+from arl_fixtures.reconcile.search import Found, Search, constant_z
 from arl_fixtures.reconcile.terms import Term, forward
 
 STRUCTURE_Z, STRUCTURE_GAIN, LEAST_Z = 3.7, 12.0, 2.0
@@ -109,9 +117,7 @@ class Decision:
         self._gate()
         self._find_laws()
         self._drop_shadowed()
-        driven = {law.channel for law in self.laws}
-        scatters = find_scatter(self.problem, self.effects, self.final_state())
-        self.scatters = [s for s in scatters if s.channel not in driven][:1]
+        self._find_scatters()
         findings = [named_finding(self, index) for index in range(len(self.best.terms))]
         findings += [pattern_finding(self, p) for p in self.patterns]
         findings += [law_finding(self, law) for law in self.laws]
@@ -157,10 +163,26 @@ class Decision:
     def _share_beside(self, term: Term) -> float:
         """Log-likelihood that a free pattern of pixels must gain beside an effect, so as not to mend its shape only.
 
-        Of an effect that is itself a picture (a spot, a beam) the free pattern takes up whatever its outline misses.
+        It is a share of what the free pattern could take from the effect's own change. Of an effect that is itself
+        a picture (a spot, a beam) it takes up whatever the outline misses.
         """
         picture = bool(set(term.variant.drivers) & PIXEL_COLUMNS)
-        return (PICTURE_SHARE if picture else MISFIT_SHARE) * self._plain_gain(term)
+        others = [t for t in self.best.terms if t is not term]
+        base, moved = forward(others, self.problem.view), forward([*others, term], self.problem.view)
+        total = 0.0
+        for d in self.problem.data:
+            level = next((level for level in d.levels if level.name == "pixel"), None)
+            if level is None or d.channel.role is Role.SCATTER or moved[d.channel.name] is base[d.channel.name]:
+                continue
+            weight = d.root_weight**2 * level.scale
+            change = d.expect * (moved[d.channel.name] - base[d.channel.name])[d.use]
+            gram = np.bincount(level.code, weight * level.scale, minlength=level.count)
+            mean = np.bincount(level.code, weight * change, minlength=level.count) / np.maximum(gram, 1e-300)
+            unit = np.zeros(level.count, dtype=np.int64)
+            unit[level.code] = d.unit
+            middle = np.bincount(unit, gram * mean) / np.maximum(np.bincount(unit, gram), 1e-300)
+            total += 0.5 * float(np.sum(gram * (mean - middle[unit]) ** 2))
+        return (PICTURE_SHARE if picture else MISFIT_SHARE) * total
 
     def _plain_gain(self, term: Term) -> float:
         """Half the drop of the sum of squares that a term brings to independent rows, as counted for a pattern."""
@@ -225,7 +247,9 @@ class Decision:
             return False
         own = forward(self.terms, self.problem.view)
         bare = forward([t for t in self.terms if t not in acting], self.problem.view)
-        _, chosen = search_law(self.found.looker, d, bare, self._leading(d))
+        place = locate(self.found.looker, d, bare)
+        leading = [*(place.columns if place else []), *self._leading(d)]
+        _, chosen = search_law(self.found.looker, d, bare, leading)
         base = d.fit_scatter(d.residual(bare))[0]
         price = PRICE * sum(len(t.free()) for t in acting)
         named = d.fit_scatter(d.residual(own))[0] - base - price
@@ -256,19 +280,46 @@ class Decision:
             acted = bool(self.terms) and any(name in self.energy(t) for t in self.terms)
             if not acted or self.left_share(name) > UNKNOWN_SHARE:
                 law = self._law_of(d, state, self.after[name])
-                if law is not None:
+                if law is not None and (law.terms or not acted):  # trees beside a name only mend its shape
                     self.laws.append(law)
 
+    def _find_scatters(self) -> None:
+        """What groups share beyond what is declared: a finding, or an unknown where it follows a condition."""
+        lawful = {law.channel for law in self.laws}
+        scatters = [
+            s for s in find_scatter(self.problem, self.effects, self.final_state()) if s.channel not in lawful
+        ]
+        self.scatters = [s for s in scatters if not s.driver][:1]
+        acted = {name for term in self.terms for name in self.energy(term)}
+        for s in scatters:
+            if s.driver and s.channel not in acted | {law.channel for law in self.laws}:
+                d = next(d for d in self.problem.data if d.channel.name == s.channel)
+                relative = d.channel.role in {Role.INTENSITY, Role.SCATTER}
+                self.laws.append(Law(channel=s.channel, relative=relative, terms=[], drivers=[s.driver], gain=s.gain))
+
     def _drop_shadowed(self) -> None:
-        """A pattern of pixels beside a larger unknown is a part of it: its pixels see different conditions."""
-        kept = [
-            p for p in self.patterns
-            if not any(law.channel in p.term.variant.channels and law.gain > p.gain for law in self.laws)
-        ]  # fmt: skip
+        """Drop patterns of pixels that a law explains as well: its pixels merely see different conditions."""
+        kept = [p for p in self.patterns if not any(self._shadows(law, p) for law in self.laws)]
         if len(kept) != len(self.patterns):
             self.patterns, self.laws = kept, []
             self._look()
             self._find_laws()
+
+    def _shadows(self, law: Law, pattern: Pattern) -> bool:
+        """Whether pixels share next to nothing any more where a law is found without the pattern."""
+        if law.channel not in pattern.term.variant.channels:
+            return False
+        if law.gain > pattern.gain:
+            return True
+        d = next(d for d in self.problem.data if d.channel.name == law.channel)
+        state = forward(self.best.terms, self.problem.view)
+        alone = self._law_of(d, state, self.found.looker.look(d, state))
+        if alone is None:
+            return False
+        add = alone.correction(self.found.looker.features, state[law.channel])
+        left = d.measured - d.expect * (state[law.channel] + add)[d.use]
+        shared = d.fit_scatter(left)[0] - d.fit_scatter(left, without=("pixel",))[0]
+        return shared < max(PATTERN_GAIN, MISFIT_SHARE * pattern.gain)
 
     def _leading(self, d: ChannelData) -> list[str]:
         """Columns that matter most to a channel's mismatch, with names and without."""

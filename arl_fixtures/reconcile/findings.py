@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from arl_fixtures.reconcile.acceptance import PRICE
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.diagnosis import Alternative, Finding, HeldOut, ParameterValue
 from arl_fixtures.reconcile.effect import State
@@ -19,7 +20,7 @@ from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.region import columns_as_drivers, energy_region
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.screen import screen
-from arl_fixtures.reconcile.search import PRICE, shortlist
+from arl_fixtures.reconcile.search import shortlist
 from arl_fixtures.reconcile.terms import Term, forward
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ PERIODS = (2, 3, 4, 6, 8, 16)
 MOST_LEVELS = 40
 PRICE_ONE, PRICE_TWO, PRICE_CURVE, PRICE_PRODUCT = 6.0, 9.0, 7.0, 3.0
 """Log-likelihood that a term must earn for having been chosen: one function, a wave, a curve, each factor more."""
-UNLIKELY = {"time_s": 2.5, "step": 2.5, "set_temperature_c": 1.0, "~within(time_s)": 1.0}
+UNLIKELY = {"time_s": 4.0, "step": 4.0, "set_temperature_c": 1.0, "~within(time_s)": 3.0}
 FAR_FETCHED, OPERATING = 4.0, 1.5
 """Further price of columns that tell of unseen conditions less than a physical one that fits as well."""
 
@@ -186,6 +186,11 @@ def waves_of(first: str, turns: float, second: str = "", more: float = 0.0) -> t
         (wave(a, first, turns), wave(b, second, more))
         for a, b in (("sin", "cos"), ("cos", "sin"), ("cos", "cos"), ("sin", "sin"))
     )
+
+
+def is_proxy(column: str) -> bool:
+    """Whether a column goes along with what drives an effect rather than drives it: an order, or the simulation."""
+    return column in UNLIKELY or column.startswith(("~", "sim_"))
 
 
 def price_of(columns: tuple[str, ...]) -> float:

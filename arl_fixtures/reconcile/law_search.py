@@ -17,7 +17,7 @@ from arl_fixtures.reconcile.boosting import Binned, Boosted, bin_columns
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm, axes_of
-from arl_fixtures.reconcile.law_basis import Basis
+from arl_fixtures.reconcile.law_basis import UNLIKELY, Basis, is_proxy
 from arl_fixtures.reconcile.law_pool import distinct, pool_of
 from arl_fixtures.reconcile.law_work import MOST_ROWS, Candidate, Work, evidence
 from arl_fixtures.reconcile.pilot import Looker, Structure
@@ -93,11 +93,13 @@ def find_terms(work: Work, pool: Sequence[Candidate]) -> Chosen:
 
 
 def _complexity(basis: Basis) -> int:
+    """How much a term asks to be believed: functions, factors, and columns that only stand for a physical one."""
+    proxies = sum(2 if c in UNLIKELY or c.startswith("~") else 1 for c in basis.columns if is_proxy(c))
     if basis.waves:
-        return 1 + len(basis.waves)
+        return 1 + len(basis.waves) + proxies
     places = sum(axis.is_open for axis in basis.axes)
     plain = sum(axis.kind not in {"linear", "is", "parity", "inverse"} for axis in basis.axes)
-    return 4 * places + plain + len(basis.axes)
+    return 4 * places + plain + len(basis.axes) + proxies
 
 
 def joint(work: Work, terms: list[Candidate]) -> Chosen:

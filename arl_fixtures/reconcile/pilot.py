@@ -80,12 +80,11 @@ class Looker:
         found = structure
         for _ in range(2):
             found = self.look(data, state, trees=40)
-            rows = self.rows_of(data)
             if len(found.ceiling.prediction) == 0:
                 break
             residual = self._centred(data, data.residual(state))
-            left = residual[rows] / data.scale[rows] - found.ceiling.prediction
-            self._set_noise(data, rows, left)
+            predicted = found.ceiling.predict(self.binned.codes[:, data.use], data.fold)
+            self._set_noise(data, residual / data.scale - predicted)
             _, tau = data.fit_scatter(data.residual(state))
             data.rebuild(tau)
             if data.spread < 1.5 and data.trust.min() == 1.0:
@@ -112,21 +111,21 @@ class Looker:
             residual = residual - data.scale * (top / np.maximum(bottom, 1e-300))[code]
         return residual
 
-    def _set_noise(self, data: ChannelData, rows: IntArray, left: FloatArray) -> None:
-        """Spread and trust from the residual (in units of the scale) on some rows."""
-        z = left * data.scale[rows] / data.stated[rows]
+    def _set_noise(self, data: ChannelData, left: FloatArray) -> None:
+        """Spread and trust from what is left of the residual, in units of the scale."""
+        z = left * data.scale / data.stated
         for level in data.levels:
-            code = level.code[rows]
-            count = np.bincount(code, minlength=level.count)
+            count = np.bincount(level.code, minlength=level.count)
             if np.median(count[count > 0]) >= 4:
-                z = z - _group_median(code, z, level.count)[code]
+                z = z - _group_median(level.code, z, level.count)[level.code]
         spread = 1.4826 * float(np.median(np.abs(z)))
         data.spread = max(spread, 1.0) if data.stated_known else max(spread, 0.05)
         beyond = np.abs(z) / data.spread
         if np.mean(beyond > 4.0) > TAIL_SHARE:
-            trust = np.ones(len(data.use))
-            trust[rows] = np.minimum(1.0, TAIL_Z / np.maximum(beyond, 1e-9))
-            data.trust = trust
+            data.trust = np.minimum(1.0, TAIL_Z / np.maximum(beyond, 1e-9))
+            # rows held back still scatter more than their weight says: a sum over many would pass for shared error
+            excess = float(np.mean((data.trust * beyond) ** 2) / np.mean(data.trust))
+            data.spread *= np.sqrt(max(excess, 1.0))
 
 
 def nothing(data: ChannelData) -> Structure:

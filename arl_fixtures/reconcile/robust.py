@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
+from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.terms import forward
 
 MOST_LEFT = 3.0
 """Standard errors to which rows left by a rough term are held back."""
-PRIOR_GROUPS = 20.0
-"""Groups on which the noise model's own covariance counts as resting."""
+PRIOR_GROUPS, BARE_GROUPS = 20.0, 2.0
+"""Groups on which the noise model's own covariance counts as resting; and where it was only told from the steps."""
 
 
 def robust_gain(problem: Problem, found: Fit, first: int, gain: float) -> float:
@@ -48,10 +49,32 @@ def robust_gain(problem: Problem, found: Fit, first: int, gain: float) -> float:
             continue
         scores = np.bincount(group, change * residual, minlength=count)
         ratio = float(scores @ scores) / power * count / (count - 1.0)
-        ratio = max((PRIOR_GROUPS + count * ratio) / (PRIOR_GROUPS + count), 1.0)
-        freedom = PRIOR_GROUPS + count - 1.0
+        prior = _resting(problem, others, found.state) if code is problem.groups.step else PRIOR_GROUPS
+        ratio = max((prior + count * ratio) / (prior + count), 1.0)
+        freedom = prior + count - 1.0
         worst = min(worst, _normal_gain(np.sqrt(2.0 * gain / ratio), freedom))
     return gain if not np.isfinite(worst) else worst
+
+
+def _resting(problem: Problem, before: State, after: State) -> float:
+    """Groups on which the steps' scatter rests, for a change of the simulation.
+
+    A scatter that no repeatability states is told from the very steps that the change would explain: it then rests on
+    next to nothing, as far as the change is the same on all rows of a step.
+    """
+    shared = total = 0.0
+    for d in problem.data:
+        if after[d.channel.name] is before[d.channel.name]:
+            continue
+        change = d.root_weight * (after[d.channel.name] - before[d.channel.name])[d.use]
+        total += float(change @ change)
+        level = next((level for level in d.levels if level.name == "step"), None)
+        if level is not None and not level.declared and level.floor == 0.0:
+            count = np.maximum(np.bincount(level.code, minlength=level.count), 1)
+            mean = np.bincount(level.code, change, minlength=level.count) / count
+            shared += float(np.sum(count * mean**2))
+    share = shared / total if total > 0.0 else 0.0
+    return PRIOR_GROUPS + (BARE_GROUPS - PRIOR_GROUPS) * share
 
 
 def _normal_gain(t_value: float, freedom: float) -> float:

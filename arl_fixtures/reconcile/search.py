@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from arl_fixtures.reconcile.acceptance import PATTERN_ODDS, PRICE, Ranked, evidence, is_misfit, is_rounding
 from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.effect import Effect, State
 from arl_fixtures.reconcile.fit import Fit, finish, fit, hold_back_edges
@@ -19,7 +20,6 @@ from arl_fixtures.reconcile.grouping import find_groups, typical_gaps
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import ChannelData, Problem, carry_gains
 from arl_fixtures.reconcile.robust import robust_gain
-from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.sampling import draw_rows
 from arl_fixtures.reconcile.screen import Candidate, Screening, all_variants, screen
 from arl_fixtures.reconcile.terms import Term, forward
@@ -29,37 +29,13 @@ SMALL_ROWS = 14_000
 MOST_TERMS = 4
 SHORTLIST = 16
 POLISHED = 6
-PRICE = 2.0
-"""Log-likelihood that each free parameter must earn."""
 TWIN_GAIN = 2.0
 """Of candidates that differ by less in log-likelihood the one with fewest parameters is taken."""
-MISFIT_SHARE, HIDDEN_SHARE = 0.15, 0.004
-"""A further effect on a channel must gain this share of what one there gains, with and without a driver in common."""
-LEAST_SCATTER = 0.03
-"""Relative excess of scatter below which rounding and the noise law's own accuracy explain it."""
-PATTERN_ODDS = 0.65
-"""Share of the threshold that an effect must gain over free patterns of pixels and angles in its place."""
 CLEAR_CONSTANT = 5.0
 """Standard errors from which a unit's constant is worth explaining."""
 LEVEL_NAME, LEVEL_ALARM = 0.99, 0.95
 
 Progress = Callable[[str, float], None]
-
-
-@dataclass(slots=True, kw_only=True)
-class Ranked:
-    """A candidate after its non-linear fit beside the present terms.
-
-    Attributes:
-        fit: joint fit on the full problem.
-        gain: likelihood gained over the present terms, less the price.
-        robust: the gain over no mismatch at all, as the test with shared errors sees it.
-    """
-
-    candidate: Candidate
-    fit: Fit
-    gain: float
-    robust: float
 
 
 @dataclass(slots=True, kw_only=True)
@@ -120,6 +96,7 @@ class Search:
         self.failed: dict[str, str] = {}
         self.variants = all_variants(self.small, effects, self.failed)
         self.gains: dict[int, float] = {}
+        self.surcharge = 0.0
 
     def _small(self) -> Problem:
         if self.full.view.n <= 1.4 * SMALL_ROWS:
@@ -188,6 +165,7 @@ class Search:
             self.progress(f"search, round {round_number + 1}", 0.1 + 0.15 * round_number)
             screening = screen(self.small, self.variants, best.terms, with_chance=chance is None)
             chance = screening if chance is None else chance
+            self.surcharge = chance.surcharge(LEVEL_NAME)
             stage = self._round(best, screening, chance)
             if round_number == 0:
                 stage = self._constants_explained(best, stage, chance)
@@ -216,8 +194,12 @@ class Search:
         threshold = chance.threshold(LEVEL_NAME)
         alarm = chance.threshold(LEVEL_ALARM)
         ranked = self.rank(base, shortlist(screening.candidates))
-        sure = [r for r in ranked if evidence(r) > threshold and not self._is_misfit(base, r)]
-        sure = [r for r in sure if not self._is_rounding(base, r)]
+        sure = [
+            r
+            for r in ranked
+            if evidence(r, self.surcharge) > threshold and not is_misfit(self.full, base, r, self.gains)
+        ]
+        sure = [r for r in sure if not is_rounding(self.full, base, r)]
         close = [r for r in sure if r.gain > sure[0].gain - TWIN_GAIN]
         chosen = min(close, key=lambda r: (r.candidate.free, -r.gain), default=None)
         if chosen is not None:  # of drivers that tell the same the physically nearest, which comes first
@@ -226,7 +208,7 @@ class Search:
             chosen = min(same, key=lambda r: (bool(r.candidate.term.unit), self._rank_of(r.candidate.term)))
         if chosen is not None and ranked[0] is not chosen and ranked[0].gain > 3.0 * max(chosen.gain, 1.0):
             chosen = None
-        p_value = chance.p_value(evidence(ranked[0])) if ranked else 1.0
+        p_value = chance.p_value(evidence(ranked[0], self.surcharge)) if ranked else 1.0
         return Stage(base=base, threshold=threshold, alarm=alarm, p_value=p_value, ranked=ranked, chosen=chosen)
 
     def _constants_explained(self, base: Fit, stage: Stage, chance: Screening) -> Stage:
@@ -249,12 +231,12 @@ class Search:
             r.gain -= handicap
             r.robust = min(r.robust, r.gain)
         best_before = stage.chosen.gain if stage.chosen is not None else 0.0
-        sure = [r for r in other.ranked if evidence(r) > stage.threshold and r.gain > best_before]
+        sure = [r for r in other.ranked if evidence(r, self.surcharge) > stage.threshold and r.gain > best_before]
         if not sure:
             self._free_constants(shifted, free=True)
             return stage
         chosen = max(sure, key=lambda r: r.gain)
-        p_value = chance.p_value(evidence(chosen))
+        p_value = chance.p_value(evidence(chosen, self.surcharge))
         return Stage(
             base=bare,
             threshold=stage.threshold,
@@ -271,19 +253,6 @@ class Search:
                     d.free_constant = free
                     d.rebuild(d.tau)
 
-    def _is_rounding(self, base: Fit, ranked: Ranked) -> bool:
-        """Whether a candidate changes scatters only, and by less than rounding and few frames leave uncertain."""
-        largest = 0.0
-        for d in self.full.data:
-            name = d.channel.name
-            if ranked.fit.state[name] is base.state[name]:
-                continue
-            change = np.abs(ranked.fit.state[name] - base.state[name])[d.use] / d.scale
-            if d.channel.role is not Role.SCATTER and np.any(change > 1e-6):
-                return False
-            largest = max(largest, float(np.quantile(change, 0.95)))
-        return largest < LEAST_SCATTER
-
     def _rank_of(self, term: Term) -> int:
         """Place of a term's variant among all: effects list their drivers in physical order."""
         return next(
@@ -293,21 +262,6 @@ class Search:
     def _strict(self, found: Fit) -> float:
         """Likelihood of a fit if pixels and stage angles had no pattern of their own."""
         return self.full.log_likelihood(found.state, lost=float(len(found.keys)), without=("pixel", "angle"))
-
-    def _is_misfit(self, base: Fit, ranked: Ranked) -> bool:
-        """Whether a further effect only mends the shape of one that is already there.
-
-        No operator is exact. What it leaves has its own drivers and channels, and is small against what it explains.
-        """
-        new = ranked.fit.terms[-1]
-        for index, term in enumerate(base.terms):
-            if not set(term.variant.channels) & set(new.variant.channels):
-                continue
-            alike = bool(set(term.variant.drivers) & set(new.variant.drivers))
-            share = MISFIT_SHARE if alike else HIDDEN_SHARE
-            if ranked.gain < share * self.gains.get(index, 0.0):
-                return True
-        return False
 
     def rank(self, base: Fit, candidates: Sequence[Candidate]) -> list[Ranked]:
         """Fit each candidate beside the base's terms, best first."""
@@ -355,18 +309,6 @@ class Search:
             if ranked and ranked[0].gain > needed + 1.0:
                 best = ranked[0].fit
         return best
-
-
-def evidence(ranked: Ranked) -> float:
-    """What counts against the threshold: the gain over no mismatch, and enough over a mere pattern of pixels.
-
-    The threshold is the largest gain that chance gives to as many amplitudes, so the first effect on a channel pays
-    no price for them again. A further one does: it may live on what the first one's law does not quite say.
-    """
-    variant = ranked.candidate.term.variant
-    amplitudes = sum(not p.per for p in variant.amplitudes())
-    is_further = any(set(term.variant.channels) & set(variant.channels) for term in ranked.fit.terms[:-1])
-    return min(ranked.gain / PATTERN_ODDS, ranked.robust) + (0.0 if is_further else PRICE * amplitudes)
 
 
 def constant_z(d: ChannelData, state: State) -> float:

@@ -1,0 +1,105 @@
+"""Whether a candidate may be named: what counts for it, and what only looks like an effect of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from arl_fixtures.reconcile.fit import Fit
+from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.screen import Candidate, is_search
+from arl_fixtures.reconcile.terms import forward
+
+PRICE = 2.0
+"""Log-likelihood that each free parameter must earn."""
+MISFIT_SHARE, HIDDEN_SHARE = 0.15, 0.004
+"""A further effect on a channel must gain this share of what one there gains, with and without a driver in common."""
+FURTHER = 3.0
+"""What a further effect on a channel must gain beyond the threshold: no operator before it is exact."""
+QUIET, QUIET_GAIN = 0.15, 3.0
+"""Share of its mean square below which an effect hardly acts, and what a further one must gain there."""
+LEAST_SCATTER = 0.03
+"""Relative excess of scatter below which rounding and the noise law's own accuracy explain it."""
+PATTERN_ODDS = 0.65
+"""Share of the threshold that an effect must gain over free patterns of pixels and angles in its place."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Ranked:
+    """A candidate after its non-linear fit beside the present terms.
+
+    Attributes:
+        fit: joint fit on the full problem.
+        gain: likelihood gained over the present terms, less the price.
+        robust: the gain over no mismatch at all, as the test with shared errors sees it.
+    """
+
+    candidate: Candidate
+    fit: Fit
+    gain: float
+    robust: float
+
+
+def evidence(ranked: Ranked, surcharge: float) -> float:
+    """What counts against the threshold: the gain over no mismatch, and enough over a mere pattern of pixels.
+
+    The threshold is the largest gain that chance gives to as many amplitudes, so the first effect on a channel
+    pays no price for them again, up to a doubling of what it gains. A further one does: it may live on what the
+    first one's law does not quite say. A search along a shape pays for its many looks.
+    """
+    variant = ranked.candidate.term.variant
+    amplitudes = sum(not p.per for p in variant.amplitudes())
+    is_further = any(set(term.variant.channels) & set(variant.channels) for term in ranked.fit.terms[:-1])
+    sure = min(ranked.gain / PATTERN_ODDS, ranked.robust)
+    sure += -FURTHER if is_further else float(np.clip(sure, 0.0, PRICE * amplitudes))
+    return sure - (surcharge if is_search(variant) else 0.0)
+
+
+def is_rounding(problem: Problem, base: Fit, ranked: Ranked) -> bool:
+    """Whether a candidate changes scatters only, and by less than rounding and few frames leave uncertain."""
+    largest = 0.0
+    for d in problem.data:
+        name = d.channel.name
+        if ranked.fit.state[name] is base.state[name]:
+            continue
+        change = np.abs(ranked.fit.state[name] - base.state[name])[d.use] / d.scale
+        if d.channel.role is not Role.SCATTER and np.any(change > 1e-6):
+            return False
+        largest = max(largest, float(np.quantile(change, 0.95)))
+    return largest < LEAST_SCATTER
+
+
+def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, float]) -> bool:
+    """Whether a further effect only mends the shape of one that is already there.
+
+    No operator is exact. What it leaves has its own drivers and channels, and is small against what it explains.
+    """
+    new = ranked.fit.terms[-1]
+    for index, term in enumerate(base.terms):
+        if not set(term.variant.channels) & set(new.variant.channels):
+            continue
+        alike = bool(set(term.variant.drivers) & set(new.variant.drivers))
+        share = MISFIT_SHARE if alike else HIDDEN_SHARE
+        if ranked.gain < share * gains.get(index, 0.0) and not _stands_apart(problem, base, ranked, index):
+            return True
+    return False
+
+
+def _stands_apart(problem: Problem, base: Fit, ranked: Ranked, index: int) -> bool:
+    """Whether a further effect gains as much where an earlier one hardly acts: what mends its shape does not."""
+    view, terms = problem.view, ranked.fit.terms
+    rest = forward([t for k, t in enumerate(base.terms) if k != index], view)
+    size = np.concatenate([
+        d.root_weight * np.abs(base.state[d.channel.name] - rest[d.channel.name])[d.use] for d in problem.data
+    ])  # fmt: skip
+    power = problem.whiten_change(forward(terms[:-1], view), ranked.fit.state) ** 2
+    gain = 0.5 * (problem.whiten_state(base.state) ** 2 - problem.whiten_state(ranked.fit.state) ** 2)
+    seen = power > 1e-9
+    if not seen.any():
+        return False
+    quiet = seen & (size**2 < QUIET * float(np.mean(size[seen] ** 2)))
+    share = float(power[quiet].sum() / power.sum())
+    return share > QUIET and float(gain[quiet].sum()) > max(QUIET_GAIN, 0.5 * share * float(gain[seen].sum()))
