@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effects_common import FloatArray, per_table, per_view
-from arl_fixtures.reconcile.effects_scene import footprint_share
+from arl_fixtures.reconcile.effects_pointing import footprint_share
 from arl_fixtures.reconcile.view import View
 
 IntArray = NDArray[np.int64]

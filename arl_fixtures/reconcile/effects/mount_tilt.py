@@ -9,9 +9,10 @@ import numpy as np
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, per_view
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation
+from arl_fixtures.reconcile.effects_pointing import point_elsewhere, scanned_channels, take_pose
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.effects_render import bench_of, is_sharp
-from arl_fixtures.reconcile.effects_scene import point_elsewhere, scanned_channels, scene, take_pose
+from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.view import View
 
 _TURNS = ("yaw", "pitch", "roll")

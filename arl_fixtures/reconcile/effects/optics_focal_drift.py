@@ -17,9 +17,10 @@ from arl_fixtures.reconcile.effects_common import (
     temperature_drivers,
 )
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, ray_column
+from arl_fixtures.reconcile.effects_pointing import point_elsewhere, scanned_channels, take_pose
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.effects_render import is_sharp
-from arl_fixtures.reconcile.effects_scene import point_elsewhere, scanned_channels, scene, take_pose
+from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.view import View
 
 

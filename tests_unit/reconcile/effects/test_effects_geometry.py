@@ -95,6 +95,28 @@ def test_frame_lag_mixes_in_the_position_before_in_time_not_in_angle():
     np.testing.assert_allclose(state[f"{LIGHT}_std"], mixture, rtol=1e-6)
 
 
+def test_frames_of_a_stage_that_settles_are_those_rendered_on_its_way():
+    columns = bench(steps=2, back_and_forth=True)
+    u, v, stage = (columns.numbers[name] for name in ("pixel_u", "pixel_v", "stage_angle_deg"))
+    pitch = 0.9 * np.where(columns.numbers["step"] == 1.0, -1.0, 1.0)
+    pitch[(columns.numbers["time_s"] % 1200.0) < 6.0] = 0.0
+    frames = [render(u, v, stage - pitch * 0.7 * np.exp(-k / 3.0)) for k in range(10)]
+    for name in (LIGHT, RANGE):
+        columns.numbers[name] = np.mean([frame[name] for frame in frames], axis=0)
+    view = View(columns)
+    state = corrected(view, variant_of(view, "acquisition.frame_lag", kind="settling"), creep=0.7, decay=3.0)
+    mixed = corrected(view, variant_of(view, "acquisition.frame_lag", frames=1), share=0.2)
+    assert left_over(view, state, LIGHT) < 0.03
+    assert left_over(view, state, RANGE) < 0.06
+    assert left_over(view, state, LIGHT) < 0.2 * left_over(view, mixed, LIGHT)
+    edge = np.abs(columns.numbers[LIGHT] / columns.numbers["sim_intensity_counts"] - 1.0) > 0.05
+    spread = np.std([frame[LIGHT] for frame in frames], axis=0)
+    own = 36.0 + 0.25 * state[LIGHT] + (0.004 * state[LIGHT]) ** 2
+    ratio = state[f"{LIGHT}_std"][edge] / np.sqrt(own + spread**2)[edge]
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.05)
+    assert np.mean(np.abs(ratio - 1.0) < 0.1) > 0.8
+
+
 def test_beam_shift_reproduces_a_beam_that_points_elsewhere():
     view = rendered(Camera(beam=(75.0, 18.0, 2.0, -0.5)), columns=(20, 108), rows=(2, 30), angles=(-2.7, 2.7, 4))
     state = corrected(view, variant_of(view, "beam.profile_shift", driver=""), shift_az=2.0, shift_el=-0.5)

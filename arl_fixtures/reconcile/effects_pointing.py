@@ -1,0 +1,196 @@
+"""What rows see when their rays point elsewhere: rendered where the bench is known, else from the scene's curves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.effects_common import FloatArray, distances, light_channels, per_view, set_light, signals
+from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illumination, log_profile, ray_column
+from arl_fixtures.reconcile.effects_rays import Pose
+from arl_fixtures.reconcile.effects_render import rendered
+from arl_fixtures.reconcile.effects_scene import Scene, curves_over_bearing, scene
+from arl_fixtures.reconcile.effects_sweep import along_sweep
+from arl_fixtures.reconcile.view import IntArray, View
+
+
+def _look(found: Scene, line: IntArray, bearing: FloatArray) -> dict[str, FloatArray]:
+    """All curves at the rows' line and bearing; beyond a curve's ends its last value."""
+    width = next(iter(found.curves.values())).shape[1]
+    place = np.clip(bearing * (1.0 / found.step_deg), 0.0, width - 1.001)
+    low: IntArray = place.astype(np.int64)
+    part = place - low
+    low += line * width
+    seen = {}
+    for name, grid in found.curves.items():
+        values = grid.ravel()
+        left = values[low]
+        seen[name] = left + part * (values[low + 1] - left)
+    return seen
+
+
+def _at(found: Scene, view: View, turn: FloatArray | float, lift: FloatArray | float) -> dict[str, FloatArray]:
+    """Flattened channels at the rows' bearing + turn and elevation + lift (degrees)."""
+    line, bearing = per_view(view, "scene place", lambda: (found.line[view.rows], found.bearing[view.rows]))
+    seen = _look(found, line, bearing + turn)
+    if found.pitch_deg > 0.0 and np.any(lift):
+        rows = np.broadcast_to(np.asarray(lift) / found.pitch_deg, bearing.shape)
+        other = np.where(rows > 0.0, found.above[line], found.below[line])
+        beyond = _look(found, np.where(other < 0, line, other), bearing + turn)
+        share = np.minimum(np.abs(rows), 2.0)
+        for name, values in seen.items():
+            mixed = values + share * (beyond[name] - values)
+            seen[name] = np.where(np.isfinite(mixed), mixed, values)
+    light = next((seen[name] for name in signals(view) if name in seen), None)
+    if light is not None:
+        with np.errstate(invalid="ignore", divide="ignore"):
+            seen |= {name: seen[name] / light for name in distances(view) if name in seen}
+    return seen
+
+
+def footprint_share(view: View, belongs: FloatArray) -> FloatArray | None:
+    """Share of each row's pixel, on the rows under work, in which something holds along the bearing.
+
+    Args:
+        view: rows under work.
+        belongs: 1 where it holds for the ray through the pixel's centre, else 0; of every row of the whole table.
+
+    Returns:
+        Box average over the pixel's width; None where the table has no columns of pixels with an azimuth.
+    """
+    found = scene(view)
+    if found is None or not (view.varies("azimuth_deg") and view.varies("pixel_u")):
+        return None
+    grid = curves_over_bearing(found.line, found.bearing / found.step_deg, belongs, int(found.line.max()) + 1)
+    total = np.concatenate([np.zeros((grid.shape[0], 1)), np.cumsum(grid, axis=1)], axis=1)
+    half = 0.5 * _pixel_width(view)[view.rows] / found.step_deg
+    place, line = found.bearing[view.rows] / found.step_deg + 0.5, found.line[view.rows] * total.shape[1]
+
+    def up_to(end: FloatArray) -> FloatArray:
+        inside = np.clip(end, 0.0, total.shape[1] - 1.001)
+        low: IntArray = inside.astype(np.int64)
+        values = total.ravel()
+        return np.asarray(values[line + low] + (inside - low) * (values[line + low + 1] - values[line + low]))
+
+    share = (up_to(place + half) - up_to(place - half)) / np.maximum(2.0 * half, 1e-9)
+    return np.asarray(np.clip(share, 0.0, 1.0))
+
+
+def _pixel_width(view: View) -> FloatArray:
+    """Azimuth from one pixel column to the next, for every row of the whole table; degrees."""
+    table = view.columns
+    column = np.nan_to_num(table.numbers["pixel_u"])
+    known, index, count = np.unique(column, return_inverse=True, return_counts=True)
+    mean = np.bincount(index, ray_column(view, "azimuth_deg")) / count
+    slope = np.gradient(mean, known) if known.size > 1 else np.ones(1)
+    return np.asarray(np.abs(slope)[index])
+
+
+def _here(found: Scene, view: View) -> dict[str, FloatArray]:
+    return per_view(view, "scene here", lambda: _at(found, view, 0.0, 0.0))
+
+
+def scanned_channels(view: View) -> tuple[str, ...]:
+    """Channels that move when a ray points elsewhere."""
+    lit = [name for channel in signals(view) for name in light_channels(view, channel)]
+    return tuple(dict.fromkeys([*distances(view), *lit]))
+
+
+def turn_stage(view: View, state: State, turn_deg: FloatArray | float) -> None:
+    """Let every row see what it would at stage angle + `turn_deg`."""
+    if not take_pose(view, state, Pose(turn_deg=turn_deg)):
+        found = scene(view)
+        point_elsewhere(view, state, turn=(1.0 if found is None else found.sign) * turn_deg)
+
+
+def take_pose(
+    view: View,
+    state: State,
+    pose: Pose,
+    *,
+    beam_moves: tuple[FloatArray | float, FloatArray | float] = (0.0, 0.0),
+) -> bool:
+    """Let every row see the bench in another pose, where the table's simulation is a bench that can be rendered.
+
+    Args:
+        view: rows under work.
+        state: its signals and distances are replaced.
+        pose: arrays by row.
+        beam_moves: how the rays' azimuth and elevation move within the illumination (a changed lens), degrees.
+
+    Returns:
+        Whether it was rendered; where not, nothing has changed.
+    """
+    there, here = rendered(view, pose), rendered(view)
+    if there is None or here is None:
+        return False
+    _set_seen(view, state, {
+        name: seen - here[name] if name in distances(view) else seen / here[name] for name, seen in there.items()
+    }, *beam_moves)  # fmt: skip
+    return True
+
+
+def point_elsewhere(
+    view: View,
+    state: State,
+    *,
+    turn: FloatArray | float = 0.0,
+    lift: FloatArray | float = 0.0,
+    beam_turns: bool = True,
+) -> None:
+    """Let every row see what lies `turn` degrees further in bearing and `lift` degrees higher.
+
+    Args:
+        view: rows under work.
+        state: its signals and distances are replaced.
+        turn, lift: change of the ray's direction, degrees; positive along azimuth and elevation.
+        beam_turns: whether the illumination goes with the ray (a turned sensor) or stays (a changed lens).
+    """
+    moves = (0.0, 0.0) if beam_turns else (turn, lift)
+    _set_seen(view, state, _changes(view, turn, lift), *moves)
+
+
+def _set_seen(
+    view: View, state: State, changes: dict[str, FloatArray], turn: FloatArray | float, lift: FloatArray | float
+) -> None:
+    """Put ratios of signals and differences of distances into the state; the illumination moved by turn and lift."""
+    beam_moves = bool(np.any(turn) or np.any(lift))
+    for name, change in changes.items():
+        if name not in state:
+            continue
+        if name in distances(view):
+            state[name] = state[name] + np.where(np.isfinite(change), change, 0.0)
+            continue
+        ratio = change
+        profile = illumination(view, name) if beam_moves else None
+        if profile is not None:
+            az, el = azimuth(view), elevation(view)
+            ratio = ratio * np.exp(profile.log(az + turn, el + lift) - log_profile(view, name))
+        set_light(view, state, name, state[name] * np.clip(np.where(np.isfinite(ratio), ratio, 1.0), 0.01, 100.0))
+
+
+def _changes(view: View, turn: FloatArray | float, lift: FloatArray | float) -> dict[str, FloatArray]:
+    """Ratio of each signal and difference of each distance between the turned ray and the row's own."""
+    found = scene(view)
+    if found is None or not found.curves:
+        return {}
+    el = elevation(view)
+    before, after = dict(_here(found, view)), _at(found, view, turn, lift)
+    patchy = found.patchy[view.rows]
+    if patchy.any() and np.any(turn):
+        own_before = per_view(view, "sweep here", lambda: along_sweep(view, 0.0))
+        own_after = along_sweep(view, found.sign * turn)
+        for name, there in own_after.items():
+            swap = patchy & np.isfinite(there) & np.isfinite(own_before[name])
+            scale = 1.0 if name in signals(view) else np.cos(np.radians(el))  # as flattened as the scene's
+            before[name] = np.where(swap, own_before[name] * scale, before[name])
+            after[name] = np.where(swap, there * scale, after[name])
+    changed = np.cos(np.radians(el + lift)) / np.cos(np.radians(el))
+    changes = {}
+    for name in found.curves:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            if name in distances(view):
+                changes[name] = (after[name] / changed - before[name]) / np.cos(np.radians(el))
+            else:
+                changes[name] = after[name] / before[name] * changed**3
+    return changes
