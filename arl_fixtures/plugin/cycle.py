@@ -152,8 +152,8 @@ class CycleSession:
             told = [self.verdicts.get(step.id, Verdict.NOT_RUN) for step in self._plan]
             left = [step.id for step in self._plan if step.id not in self.verdicts]
             by_itself = f"ended before step {left[0]}" if left else "finished"
-            self.journal.append(journaling.session_end(self._interrupted or reason or by_itself, worst(told)))
-            self.journal.close()
+            with self.journal as journal:
+                journal.append(journaling.session_end(self._interrupted or reason or by_itself, worst(told)))
             self.journal = None
         self.progress.clear()
 
