@@ -121,22 +121,28 @@ def undistort(intrinsics: Intrinsics, xd: FloatArray, yd: FloatArray) -> tuple[F
     rho = np.hypot(xd, yd)
     with np.errstate(invalid="ignore", divide="ignore"):
         scale = np.where(rho > 0, np.interp(rho, distorted, radii) / rho, 1.0)
-    x, y = xd * scale, yd * scale
+    shape = np.shape(xd * scale)
+    x, y, xd, yd = ((array * np.ones(shape)).ravel() for array in (xd * scale, yd * scale, xd, yd))
     miss_x, miss_y = _miss(intrinsics, x, y, xd, yd)
     pace = np.ones_like(x)
+    # all but the outermost points need a step or two: only who is not there yet goes on
+    going = np.arange(x.size)
     for _ in range(NEWTON_STEPS):
-        step_x, step_y = _newton_step(intrinsics, x, y, miss_x, miss_y)
-        next_x, next_y = _within(fold, x + pace * step_x, y + pace * step_y)
-        next_miss_x, next_miss_y = _miss(intrinsics, next_x, next_y, xd, yd)
-        # near the fold a full step may leap across the image: only steps that come nearer are taken
-        nearer = np.hypot(next_miss_x, next_miss_y) < np.hypot(miss_x, miss_y)
-        x, y = np.where(nearer, next_x, x), np.where(nearer, next_y, y)
-        miss_x, miss_y = np.where(nearer, next_miss_x, miss_x), np.where(nearer, next_miss_y, miss_y)
-        pace = np.where(nearer, np.minimum(2 * pace, 1.0), pace / 2)
-        going = (np.hypot(miss_x, miss_y) > NEWTON_TOLERANCE) & (pace > SHORTEST_PACE)
-        if not going.any():
+        distance = np.hypot(miss_x[going], miss_y[going])
+        going = going[(distance > NEWTON_TOLERANCE) & (pace[going] > SHORTEST_PACE)]
+        if not going.size:
             break
-    return x, y
+        at_x, at_y, paces = x[going], y[going], pace[going]
+        step_x, step_y = _newton_step(intrinsics, at_x, at_y, miss_x[going], miss_y[going])
+        next_x, next_y = _within(fold, at_x + paces * step_x, at_y + paces * step_y)
+        next_miss_x, next_miss_y = _miss(intrinsics, next_x, next_y, xd[going], yd[going])
+        # near the fold a full step may leap across the image: only steps that come nearer are taken
+        nearer = np.hypot(next_miss_x, next_miss_y) < np.hypot(miss_x[going], miss_y[going])
+        taken = going[nearer]
+        x[taken], y[taken] = next_x[nearer], next_y[nearer]
+        miss_x[taken], miss_y[taken] = next_miss_x[nearer], next_miss_y[nearer]
+        pace[going] = np.where(nearer, np.minimum(2 * paces, 1.0), paces / 2)
+    return x.reshape(shape), y.reshape(shape)
 
 
 def pixel_rays(intrinsics: Intrinsics, u: FloatArray, v: FloatArray) -> FloatArray:
