@@ -87,7 +87,7 @@ def test_residuals_alike_where_circles_of_a_row_pass_widen_the_uncertainty(plan)
     alone = 0.01 * rng.standard_normal((m, 2))
     # what a sampling does: by the place in the image, whichever circle, target and angle it is
     row = np.unique(np.rint(1e6 * field.up_m), return_inverse=True)[1]
-    column = (field.pixels()[:, 0] / PLACE_PX).astype(int)
+    column = (field.pixels()[:, 0] / PLACE_PX[0]).astype(int)
     of_place = 0.01 * rng.standard_normal((row.max() + 1, column.max() + 1, 2))[row, column]
     variance = np.full((m, 2), 0.01**2)
     usable = np.ones(m, bool)

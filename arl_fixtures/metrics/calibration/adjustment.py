@@ -43,9 +43,10 @@ HALF_NORMAL_90: Final = 1.6449
 """Quantiles of |x| for a standard normal x."""
 FEWEST_CIRCLES: Final = 100
 GROUPS: Final = ("mount", "target position", "stage angle")
-PLACE_PX: Final = 8.0
-"""Columns of one place: two widths of a circle. Over so many a row's height in the image changes by less than the
-third of a pixel that the sampling has as its period."""
+PLACE_PX: Final = (8.0, 16.0)
+"""Columns of one place, for errors in u and in v. Both depend on where a circle lies in the grid of the samples.
+Along a row its position in u goes through the grid with every step of the stage, and what is left is alike over two
+widths of a circle; its height stays nearly the same, so errors in v are alike over more of the row."""
 LEAST_PX: Final = 1e-4
 """Floor of a centre's standard deviation: no centre is exact."""
 LEAST_U: Final = 1e-9
@@ -62,7 +63,7 @@ class Adjustment:
         kernels: (2, p, p) covariance of the intrinsic parameters from the centres' u and from their v, were all
             residuals independent and as large as assumed.
         identity: (k,) which circle at which angle each used centre is.
-        place: (k,) in which place of the image it was seen, from 0.
+        place: (k, 2) in which place of the image it was seen, from 0: for its u and for its v.
         free: (2,) share of the places' sums of squares in u and in v that the parameters leave free.
         residuals: (k, 2) in standard deviations as assumed.
         sigma_px: (k, 2) standard deviation assumed of each.
@@ -99,7 +100,7 @@ class Adjustment:
             residuals: (j, 2) in the standard deviations assumed here.
             used: (j,) which centres they belong to.
         """
-        factors = [_cluster_factor(residuals[:, axis], self.place[used]) / self.free[axis] for axis in (0, 1)]
+        factors = [_cluster_factor(residuals[:, axis], self.place[used, axis]) / self.free[axis] for axis in (0, 1)]
         covariance: Float64Array = np.tensordot(factors, self.kernels, axes=1)
         return covariance
 
@@ -152,7 +153,7 @@ def adjust(
     by_group = {name: (inverse * np.where(group == k, prior, 0.0)) @ inverse.T for k, name in enumerate(GROUPS)}
     place = _places(field, used)
     whitened = np.sqrt(trust / variance)
-    size = np.bincount(place)
+    independent = [len(of_axis) ** 2 / np.square(np.bincount(of_axis), dtype=float).sum() for of_axis in place.T]
     moves = np.zeros_like(theta)
     camera = [k for k, name in enumerate(field.names) if "." not in name or name.startswith("mount.")]
     moves[camera] = theta[camera]
@@ -163,13 +164,13 @@ def adjust(
         identity=field.identity[used],
         place=place,
         free=(
-            equations.free_share(whitened, place, inverse, 0),
-            equations.free_share(whitened, place, inverse, 1),
+            equations.free_share(whitened, place[:, 0], inverse, 0),
+            equations.free_share(whitened, place[:, 1], inverse, 1),
         ),
         residuals=(whitened * residual).reshape(-1, 2),
         sigma_px=np.sqrt(variance).reshape(-1, 2),
         by_group={name: part[:count, :count] for name, part in by_group.items()},
-        dof=float(max(2.0 * size.sum() ** 2 / (size.astype(np.float64) ** 2).sum() - len(field.names), 1.0)),
+        dof=float(max(sum(independent) - len(field.names), 1.0)),
         circles=int(used.sum()),
         residual_px=float(np.sqrt(np.average(residual**2, weights=trust))),
         moved_px=float(np.sqrt(np.mean(equations.predicted(moves) ** 2))),
@@ -255,11 +256,14 @@ def _scale(residual: Float64Array) -> float:
 
 
 def _places(field: CircleField, used: BoolArray) -> Int64Array:
-    """Place of each used centre in the image, (k,) from 0: row of the targets by `PLACE_PX` columns."""
+    """Places of each used centre in the image, (k, 2) from 0: row of the targets by `PLACE_PX` columns."""
     height_um = np.rint(1e6 * field.up_m[used]).astype(np.int64)
-    column = np.floor(field.pixels()[used, 0] / PLACE_PX).astype(np.int64)
-    _, place = np.unique(np.stack([height_um, column]), axis=1, return_inverse=True)
-    return place.reshape(-1).astype(np.int64)
+    u_px = field.pixels()[used, 0]
+    places = []
+    for width_px in PLACE_PX:
+        column = np.floor(u_px / width_px).astype(np.int64)
+        places.append(np.unique(height_um * (1 + int(column.max())) + column, return_inverse=True)[1])
+    return np.stack(places, axis=1).astype(np.int64)
 
 
 def _cluster_factor(residuals: Float64Array, place: Int64Array) -> float:
