@@ -21,8 +21,11 @@ from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.terms import Term, beside
 
 FREEDOM = 8.0
-FIRST_SIZE, LAST_SIZE, RATIO = 0.001, 30.0, 2.0
-"""Sizes tried along a direction, in typical amplitudes."""
+FIRST_SIZE, LAST_SIZE, RATIO, FINE_RATIO = 0.001, 30.0, 2.0, 1.25
+"""Sizes tried along a direction, in typical amplitudes. A single amplitude has no other direction that could come
+near its optimum: from the size on that changes anything visible its sizes are closer."""
+SEEN = 4.0
+"""Squared change (standard errors) from which a trial is visible."""
 HOPELESS = 25.0
 """A direction whose gain has fallen so far below its best is left."""
 HALVINGS = 5
@@ -72,11 +75,6 @@ def directions(count: int) -> FloatArray:
     return np.asarray(grid / np.linalg.norm(grid, axis=1, keepdims=True))
 
 
-def sizes() -> FloatArray:
-    """Lengths tried along a direction."""
-    return np.asarray(FIRST_SIZE * RATIO ** np.arange(int(np.log(LAST_SIZE / FIRST_SIZE) / np.log(RATIO)) + 1))
-
-
 def values_at(variant: Variant, shapes: dict[str, float], place: FloatArray) -> dict[str, float]:
     """Parameter values at a place in typical amplitudes from null."""
     values = dict(shapes)
@@ -119,22 +117,27 @@ def outwards(
     for shape in shapes:
         for direction in directions(len(amplitudes)):
             if not any(_beyond(p, x) for p, x in zip(amplitudes, direction, strict=True)):
-                yield from _along(trials(shape, direction), units)
+                yield from _along(trials(shape, direction), units, FINE_RATIO if len(amplitudes) == 1 else RATIO)
 
 
-def _along(trial: Callable[[float], Trial], units: int) -> Iterator[Trial]:
+def _along(trial: Callable[[float], Trial], units: int, ratio: float) -> Iterator[Trial]:
     best, at = np.zeros(units + 1), np.zeros(units + 1)
-    for size in sizes():
-        found = trial(float(size))
+    size, step = FIRST_SIZE, RATIO
+    while size <= LAST_SIZE:
+        found = trial(size)
         yield found
+        if step > ratio and float(found[1] @ found[1]) > SEEN:
+            size, step = size * ratio / step, ratio  # back to where it was not seen yet
+            continue
         gains = found[2]
         at, best = np.where(gains > best, size, at), np.maximum(gains, best)
         if np.all(gains < best - HOPELESS):
             break
+        size *= step
     first = int(np.argmax(best))
     if best[first] <= 0.0:
         return
-    for inner, outer in ((at[first], at[first] * RATIO), (at[first], at[first] / RATIO)):
+    for inner, outer in ((at[first], at[first] * step), (at[first], at[first] / step)):
         good, bad = float(inner), float(outer)
         for _ in range(HALVINGS):
             middle = float(np.sqrt(good * bad))

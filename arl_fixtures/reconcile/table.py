@@ -190,7 +190,8 @@ def _category(column: pa.ChunkedArray) -> tuple[IntArray, tuple[str, ...]]:
         encoded = encoded.combine_chunks()
     raw = [_label(value) for value in encoded.dictionary.to_pylist()]
     labels = tuple(sorted(set(raw)))
-    lookup = np.array([labels.index(text) for text in raw] + [-1], dtype=np.int64)
+    place = {text: k for k, text in enumerate(labels)}
+    lookup = np.array([place[text] for text in raw] + [-1], dtype=np.int64)
     codes = encoded.indices.fill_null(len(raw)).to_numpy(zero_copy_only=False).astype(np.int64)
     return lookup[codes], labels
 
@@ -251,7 +252,7 @@ def _check_pairs(numbers: dict[str, FloatArray], ignored: dict[str, str], *, for
 def _why_no_channel(names: list[str], ignored: dict[str, str]) -> str:
     for name in names:
         bare = name.removeprefix("sim_")
-        for asked in (name, bare):
+        for asked in (bare, name):
             if (name.startswith("sim_") or f"sim_{name}" in names) and asked in ignored:
                 return f"no channel to compare: column '{asked}' {ignored[asked]}"
     return "no channel to compare: expected a measured column X with its simulation sim_X beside it"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
+from scipy.special import erfc
 
 from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
@@ -26,9 +27,12 @@ from arl_fixtures.reconcile.view import View
 class PileUp(Effect):
     """Counts I·q(x) for x = load·I/I_top photons per dead time; the distance is pulled by −width·early(x).
 
-    q(x) = exp(−paralysis·x) / (1 + (1 − paralysis)·x): a detector that recovers on its own (0) or starts its dead
-    time anew with every photon (1). early(x): how much earlier than its mean a Gaussian pulse's first photon comes,
-    in standard deviations.
+    * dead time: q(x) = exp(−paralysis·x) / (1 + (1 − paralysis)·x), a detector that recovers on its own (0) or starts
+      its dead time anew with every photon (1).
+    * pulse: q(x) = (1 − exp(−x)) / x, a detector that fires once a laser pulse, x photons per pulse.
+
+    early(x, tail): how much earlier than its mean a pulse's first photon comes, in standard deviations. A Gaussian
+    pulse has no tail (0); one that decays from a sharp edge (1) has no photon before that edge.
     """
 
     id = "detector.pile_up"
@@ -44,24 +48,26 @@ class PileUp(Effect):
             moved = ranged_by(view, channel)[:1]
             if not moved and unit_of(channel) not in _COUNTED:
                 continue  # a current or a voltage is not counted
-            parameters: list[Parameter] = [
-                amplitude("load", "1", 0.0, 50.0, 0.2),
-                shape("paralysis", "1", 0.0, 1.0, 0.0, 0.8),
-            ]
+            widths: list[Parameter] = []
             if moved:
                 size = 1e3 if unit_of(moved[0]) == "mm" else 1.0
-                parameters.append(shape("width", unit_of(moved[0]), 0.005 * size, 2.0 * size, 0.05 * size))
-            yield Variant(
-                effect=self.id,
-                options={
-                    "channel": channel,
-                    "distance": moved[0] if moved else "",
-                    "top": rounded(top_signal(view, channel)),
-                },
-                parameters=tuple(parameters),
-                channels=tuple(dict.fromkeys((*moved, *with_scatter(view, channel)))),
-                drivers=(f"sim_{channel}",),
-            )
+                widths.append(shape("width", unit_of(moved[0]), 0.005 * size, 2.0 * size, 0.05 * size))
+            tails = [shape("tail", "1", 0.0, 1.0, 0.5)] if moved else []
+            for kind, further in (
+                ("dead time", [shape("paralysis", "1", 0.0, 1.0, 0.0, 0.8), *widths]), ("pulse", [*widths, *tails])
+            ):  # fmt: skip
+                yield Variant(
+                    effect=self.id,
+                    options={
+                        "channel": channel,
+                        "distance": moved[0] if moved else "",
+                        "top": rounded(top_signal(view, channel)),
+                        "kind": kind,
+                    },
+                    parameters=(amplitude("load", "1", 0.0, 50.0, 0.2), *further),
+                    channels=tuple(dict.fromkeys((*moved, *with_scatter(view, channel)))),
+                    drivers=(f"sim_{channel}",),
+                )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Loses counts, and pulls the distance to the early photons."""
@@ -69,35 +75,36 @@ class PileUp(Effect):
         light = state[channel]
         with np.errstate(invalid="ignore"):
             load = np.clip(float(values["load"]) * light / float(variant.options["top"]), 0.0, 200.0)
-        paralysis = float(values["paralysis"])
-        alive = 1.0 + (1.0 - paralysis) * load
-        kept = np.exp(-np.minimum(paralysis * load, 50.0)) / alive
-        slope = np.maximum(kept * (1.0 - paralysis * load - (1.0 - paralysis) * load / alive), 0.02 * kept)
-        set_response(state, channel, light * kept, np.nan_to_num(slope, nan=1.0))
+        kept = _kept(load, values)
+        if "paralysis" in values:
+            paralysis = float(values["paralysis"])
+            alive = 1.0 + (1.0 - paralysis) * load
+            change = np.maximum(kept * (1.0 - paralysis * load - (1.0 - paralysis) * load / alive), 0.02 * kept)
+        else:
+            change = np.sqrt(kept * np.exp(-np.minimum(load, 50.0)))  # a binomial count: fired or not
+        set_response(state, channel, light * kept, np.nan_to_num(change, nan=1.0))
         if distance:
-            state[distance] = state[distance] - float(values["width"]) * early(np.nan_to_num(load))
+            lead = early(np.nan_to_num(load), float(values.get("tail", 0.0)))
+            state[distance] = state[distance] - float(values["width"]) * lead
 
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel, distance = variant.options["channel"], variant.options["distance"]
-        text = (
-            f"{channel} *= exp(-paralysis * x) / (1 + (1 - paralysis) * x), x = load * {channel} / "
-            f"{variant.options['top']}"
-        )
-        return f"{text}; {distance} -= width * early(x)" if distance else text
+        loss = "(1 - exp(-x)) / x" if _is_pulsed(variant) else "exp(-paralysis * x) / (1 + (1 - paralysis) * x)"
+        text = f"{channel} *= {loss}, x = load * {channel} / {variant.options['top']}"
+        return f"{text}; {distance} -= width * early(x, tail)" if distance else text
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Loss of counts and pull at the strongest signal."""
         channel, distance = str(variant.options["channel"]), str(variant.options["distance"])
-        load, paralysis = float(values["load"]), float(values["paralysis"])
-        lost = 1.0 - np.exp(-paralysis * load) / (1.0 + (1.0 - paralysis) * load)
-        text = (
-            f"Photons arrive within the dead time: {lost * 100:.1f} % of the counts are lost at the strongest "
-            f"{channel}"
-        )
+        load = float(values["load"])
+        lost = 1.0 - float(_kept(np.array([load]), values)[0])
+        cause = "Several photons arrive per pulse" if _is_pulsed(variant) else "Photons arrive within the dead time"
+        text = f"{cause}: {lost * 100:.1f} % of the counts are lost at the strongest {channel}"
         if not distance:
             return f"{text}."
-        pulled = in_mm(float(values["width"]) * float(early(np.array([load]))[0]), distance)
+        lead = float(early(np.array([load]), float(values.get("tail", 0.0)))[0])
+        pulled = in_mm(float(values["width"]) * lead, distance)
         return f"{text}, and early photons shorten the distance by {pulled:.2f} mm there."
 
     def next_experiment(self, variant: Variant) -> str:
@@ -109,29 +116,57 @@ class PileUp(Effect):
         )
 
 
+def _is_pulsed(variant: Variant) -> bool:
+    return variant.options.get("kind") == "pulse"
+
+
+def _kept(load: FloatArray, values: Values) -> FloatArray:
+    """Share of the photons that are counted at a load."""
+    if "paralysis" not in values:
+        return np.asarray(-np.expm1(-load) / np.maximum(load, 1e-12) + (load <= 1e-12))
+    paralysis = float(values["paralysis"])
+    return np.asarray(np.exp(-np.minimum(paralysis * load, 50.0)) / (1.0 + (1.0 - paralysis) * load))
+
+
 _COUNTED = ("counts", "1/s", "1")
 _LOADS = np.concatenate([[0.0], np.logspace(-4.0, 2.4, 400)])
+_TAILS = np.array([0.0, 0.3, 0.5, 0.65, 0.8, 0.9, 1.0])
+_FINE = 0.01
 
 
-def _first_photon() -> FloatArray:
+def _pulse(t: FloatArray, tail: float) -> FloatArray:
+    """A Gaussian plus an exponential delay, `tail` to (1 − tail) in their widths; mean 0, standard deviation 1."""
+    size = float(np.hypot(1.0 - tail, tail))
+    spread, delay = (1.0 - tail) / size, tail / size
+    if delay == 0.0:
+        return np.asarray(np.exp(-0.5 * t**2))
+    late = t + delay
+    if spread == 0.0:
+        return np.where(late >= 0.0, np.exp(-np.maximum(late, 0.0) / delay), 0.0)
+    rate = spread / delay
+    return np.asarray(np.exp(0.5 * rate**2 - late / delay) * erfc((rate - late / spread) / np.sqrt(2.0)))
+
+
+def _first_photon(tail: float) -> FloatArray:
     """Mean lead of the detected photon over the pulse's mean, per pulse standard deviation, at each of `_LOADS`.
 
-    Photons of a Gaussian pulse arrive as a Poisson process of `load` in all; the first within a period is timed.
-    Density of the first photon: load·p(t)·exp(−load·P(t)), normalised by 1 − exp(−load).
+    Photons of a pulse arrive as a Poisson process of `load` in all; the first within a period is timed. Its density
+    is load·p(t)·exp(−load·P(t)), normalised by 1 − exp(−load).
     """
-    t = np.linspace(-8.0, 8.0, 3201)
-    p = np.exp(-0.5 * t**2) / np.sqrt(2.0 * np.pi)
-    total = np.cumsum(p) * (t[1] - t[0])
-    lead = np.zeros_like(_LOADS)
-    for index, load in enumerate(_LOADS[1:], start=1):
-        weight = p * np.exp(-load * total)
-        lead[index] = -np.sum(t * weight) / np.sum(weight)
-    return lead
+    t = np.arange(-8.0, 16.0, _FINE)
+    p = _pulse(t, tail)
+    p = p / p.sum()
+    passed = np.cumsum(p) - 0.5 * p
+    weight = p * np.exp(-_LOADS[:, None] * passed)
+    return np.asarray(p @ t - (weight @ t) / weight.sum(axis=1))
 
 
-_LEAD = _first_photon()
+_LEAD = np.stack([_first_photon(float(tail)) for tail in _TAILS])
 
 
-def early(load: FloatArray) -> FloatArray:
+def early(load: FloatArray, tail: float = 0.0) -> FloatArray:
     """Lead of the first photon in standard deviations of the pulse, for photons per pulse."""
-    return np.interp(load, _LOADS, _LEAD)
+    place = float(np.interp(tail, _TAILS, np.arange(len(_TAILS))))
+    low = min(int(place), len(_TAILS) - 2)
+    part = place - low
+    return np.asarray(np.interp(load, _LOADS, (1.0 - part) * _LEAD[low] + part * _LEAD[low + 1]))

@@ -121,18 +121,25 @@ def test_pile_up_counts_and_ranges_as_photons_that_meet_a_dead_time(paralysis):
     np.testing.assert_allclose(state["signal_counts"] / light, kept, rtol=0.02)
 
 
-def test_early_photons_pull_the_range_short_as_drawn_pulses_do():
+@pytest.mark.parametrize("tail", [0.0, 0.5, 1.0])
+def test_first_photons_of_drawn_pulses_are_early_and_fire_the_detector_once(tail):
     rng = np.random.default_rng(6)
-    lead = []
-    for photons in (0.5, 3.0, 20.0):
+    size = np.hypot(1.0 - tail, tail)
+    lead, fired, scatter = [], [], []
+    light = np.array([0.5, 3.0, 20.0])
+    for photons in light:
         number = rng.poisson(photons, 60_000)
-        arrival = rng.normal(size=(60_000, number.max()))
+        shape = (60_000, number.max())
+        arrival = ((1.0 - tail) * rng.normal(size=shape) + tail * (rng.exponential(size=shape) - 1.0)) / size
         arrival[np.arange(number.max()) >= number[:, None]] = np.inf
         lead.append(-np.mean(arrival.min(axis=1)[number > 0]))
-    light = np.array([0.5, 3.0, 20.0])
-    view = table(sim_signal_counts=light, sim_distance_m=2.0)
-    variant = variant_of(view, "detector.pile_up")
-    state = corrected(view, variant, load=variant.options["top"], paralysis=0.0, width=0.1)
+        fired.append(np.mean(number > 0))
+        scatter.append(np.std(number > 0))
+    view = table(sim_signal_counts=light, sim_signal_counts_std=np.sqrt(light), sim_distance_m=2.0)
+    variant = variant_of(view, "detector.pile_up", kind="pulse")
+    state = corrected(view, variant, load=variant.options["top"], width=0.1, tail=tail)
+    np.testing.assert_allclose(state["signal_counts"], fired, rtol=0.01)
+    np.testing.assert_allclose(state["signal_counts_std"], scatter, rtol=0.02, atol=0.002)
     np.testing.assert_allclose((2.0 - state["distance_m"]) / 0.1, lead, atol=0.02)
 
 
