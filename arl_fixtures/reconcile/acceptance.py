@@ -11,7 +11,7 @@ from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.screen import Candidate, is_search
-from arl_fixtures.reconcile.terms import forward
+from arl_fixtures.reconcile.terms import Term, forward
 
 PRICE = 2.0
 """Log-likelihood that each free parameter must earn."""
@@ -47,15 +47,32 @@ def evidence(ranked: Ranked, surcharge: float) -> float:
     """What counts against the threshold: the gain over no mismatch, and enough over a mere pattern of pixels.
 
     The threshold is the largest gain that chance gives to as many amplitudes, so the first effect on a channel
-    pays no price for them again, up to a doubling of what it gains. A further one does: it may live on what the
+    pays no price for them again, up to half of what it gains. A further one does: it may live on what the
     first one's law does not quite say. A search along a shape pays for its many looks.
     """
     variant = ranked.candidate.term.variant
     amplitudes = sum(not p.per for p in variant.amplitudes())
     is_further = any(set(term.variant.channels) & set(variant.channels) for term in ranked.fit.terms[:-1])
     sure = min(ranked.gain / PATTERN_ODDS, ranked.robust)
-    sure += -FURTHER if is_further else float(np.clip(sure, 0.0, PRICE * amplitudes))
+    sure += -FURTHER if is_further else float(np.clip(0.5 * sure, 0.0, PRICE * amplitudes))
     return sure - (surcharge if is_search(variant) else 0.0)
+
+
+def is_repeat(base: Fit, candidate: Candidate) -> bool:
+    """Whether an effect stands already on the same rows, by the same columns: its own shape is all it could mend."""
+    new = candidate.term
+    return any(
+        term.effect.id == new.effect.id
+        and set(term.variant.channels) & set(new.variant.channels)
+        and set(term.variant.drivers) == set(new.variant.drivers)
+        and (term.unit == new.unit or not term.unit or not new.unit)
+        and (_surface(term) == _surface(new) or not _surface(term) or not _surface(new))
+        for term in base.terms
+    )
+
+
+def _surface(term: Term) -> str:
+    return str(term.variant.options.get("surface", ""))
 
 
 def is_rounding(problem: Problem, base: Fit, ranked: Ranked) -> bool:

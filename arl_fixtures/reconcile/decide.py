@@ -278,6 +278,8 @@ class Decision:
         for d in self.problem.data:
             name = d.channel.name
             acted = bool(self.terms) and any(name in self.energy(t) for t in self.terms)
+            if acted and d.channel.role is Role.SCATTER and not is_structure(self.found.before[name]):
+                continue  # what is left came with a name's side effect on the scatter
             if not acted or self.left_share(name) > UNKNOWN_SHARE:
                 law = self._law_of(d, state, self.after[name])
                 if law is not None and (law.terms or not acted):  # trees beside a name only mend its shape

@@ -12,8 +12,11 @@ import numpy as np
 from arl_fixtures.reconcile.effects_common import FloatArray, per_table
 from arl_fixtures.reconcile.view import View
 
-LEAST_NOISE = 0.02
-"""Share of a column's variance within steps below which a step's mean says nothing that the readings do not."""
+LEAST_NOISE = 1e-4
+"""Share of a column's variance within steps below which a step's mean says nothing that the readings do not.
+
+It is small because steps share errors: what readings do within steps weighs more than what they do between them.
+"""
 
 
 def step_mean(view: View, column: str) -> FloatArray:

@@ -32,6 +32,7 @@ from arl_fixtures.reconcile.roles import Role
 
 MOST_LEADING = 7
 SHARED_PRICE, PRICE_PAIR_WAVE = 3.0, 7.0
+_CELLS = 100_000
 ALIKE = 0.98
 """Correlation from which two columns are one for the search of pairs."""
 
@@ -55,7 +56,7 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> list[Candidat
         bases += [
             Basis(axes=(axis,), prior=np.eye(axis.count), price=PRICE_CURVE + extra)
             for axis in tables_of(name, values, category=category)
-            if _recurs(work, axis)
+            if recurs(work, axis)
         ]
         if not category and name not in looker.problem.groups.unit_columns:
             curve = curve_axis(name, values, KNOTS)
@@ -87,10 +88,13 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> list[Candidat
     return pool
 
 
-def _recurs(work: Work, axis: Axis) -> bool:
-    """Whether a table's levels are met in more than one block: what is met once predicts nothing."""
-    code = axis.bin_of(work.features[axis.column])
-    pairs = np.unique(code * (int(work.block.max()) + 1) + work.block)
+def recurs(work: Work, axis: Axis, factor: Axis | None = None) -> bool:
+    """Whether a table is met in more than one block at each level (where a factor is not 0): else it tells none."""
+    code, block = axis.bin_of(work.features[axis.column]), work.block
+    if factor is not None:
+        there = factor(work.features) != 0.0
+        code, block = code[there], block[there]
+    pairs = np.unique(code * (int(work.block.max()) + 1) + block)
     return len(pairs) >= 1.5 * len(np.unique(code))
 
 
@@ -144,7 +148,7 @@ def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, l
                 curve = None if category or numbered else curve_axis(other, values, KNOTS)
                 for factor in [*([line] if line else []), *marks[:6]]:
                     for table in tables_of(other, values, category=category):
-                        if not _recurs(work, table):
+                        if not recurs(work, table, factor):
                             continue
                         yield Basis(axes=(table, factor), prior=np.eye(table.count), price=price + 1.0)
                     if curve:
@@ -190,16 +194,20 @@ def _best_wave(work: Work, name: str) -> float | None:
 
 def _strongest(levels: FloatArray, score: FloatArray, weight: FloatArray, frequencies: FloatArray) -> int:
     """Frequency with the largest drop of the weighted sum of squares, sine and cosine beside a constant."""
-    best, place = -np.inf, 0
-    root = np.sqrt(np.maximum(weight, 1e-300))
-    for k, f in enumerate(frequencies):
-        phase = 2.0 * np.pi * f * levels
-        design = np.stack([np.ones(len(levels)), np.sin(phase), np.cos(phase)], axis=1) * root[:, None]
-        push = design.T @ (score / root)
-        gain = float(push @ np.linalg.lstsq(design.T @ design, push, rcond=1e-9)[0])
-        if gain > best:
-            best, place = gain, k
-    return place
+    gains = np.empty(len(frequencies))
+    part = max(1, _CELLS // len(levels))
+    for start in range(0, len(frequencies), part):
+        phase = (2.0 * np.pi) * np.outer(frequencies[start : start + part], levels)
+        wave = [np.ones_like(phase), np.sin(phase), np.cos(phase)]
+        weighed = [w * weight for w in wave]
+        push = np.stack([w @ score for w in wave], axis=1)
+        gram = np.empty((len(phase), 3, 3))
+        for i in range(3):
+            for j in range(i, 3):
+                gram[:, i, j] = gram[:, j, i] = np.einsum("fn,fn->f", weighed[i], wave[j])
+        inverse = np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
+        gains[start : start + part] = np.einsum("fi,fij,fj->f", push, inverse, push)
+    return int(np.argmax(gains))
 
 
 def _best_pair_wave(work: Work, first: str, second: str) -> tuple[float, float] | None:

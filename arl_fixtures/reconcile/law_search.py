@@ -18,7 +18,7 @@ from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm, axes_of
 from arl_fixtures.reconcile.law_basis import UNLIKELY, Basis, is_proxy
-from arl_fixtures.reconcile.law_pool import distinct, pool_of
+from arl_fixtures.reconcile.law_pool import distinct, pool_of, recurs
 from arl_fixtures.reconcile.law_work import MOST_ROWS, Candidate, Work, evidence
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import ChannelData
@@ -171,8 +171,7 @@ def _starts(data: ChannelData) -> list[dict[str, float]]:
     level = next((level for level in data.levels if level.name == "step"), None)
     starts = [tau]
     if level is not None:
-        weight = np.bincount(level.code, (data.root_weight * level.scale) ** 2, minlength=level.count)
-        alone = max(1.0 / np.sqrt(max(float(np.median(weight)), 1e-300)), level.floor)
+        alone = max(data.alone(level), level.floor)
         for share in STEP_SHARES:
             if share * tau.get("step", 0.0) > alone:
                 starts.append({**tau, "step": share * tau["step"]})
@@ -211,6 +210,8 @@ def narrowed(work: Work, chosen: Chosen, factors: Sequence[Axis]) -> Chosen:
         for factor in factors:
             is_mark = _is_mark(factor, work)
             if factor.column in basis.columns or not (is_mark or len(chosen.values[place]) <= MOST_FACTORED):
+                continue
+            if not all(recurs(work, axis, factor) for axis in basis.axes if axis.kind == "table" and axis.is_open):
                 continue
             waves = tuple((*product, factor) for product in basis.waves)
             axes = basis.axes if waves else (*basis.axes, factor)

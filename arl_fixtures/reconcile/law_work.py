@@ -53,7 +53,8 @@ class Work:
         relative = data.channel.role in {Role.INTENSITY, Role.SCATTER}
         sim = state[data.channel.name][data.use[pick]]
         self.scale = data.expect[pick] * (sim if relative else np.ones(len(pick)))
-        self._constant = self._whitener(data.scale[pick]) if data.calibrated else None
+        self._constant = self._whitener(data.scale[pick]) if data.calibrated else np.zeros(0)
+        self._power = np.maximum(np.bincount(self.unit, self._constant**2), 1e-300) if data.calibrated else None
         self.residual = self.whiten(data.residual(state)[pick])
         self.step = next(
             (level.code for level in levels if level.name == "step"), np.zeros(len(pick), dtype=np.int64)
@@ -63,10 +64,8 @@ class Work:
     def whiten(self, x: FloatArray) -> FloatArray:
         """Whitened vector without what a constant per unit explains."""
         z = self._whitener(x)
-        if self._constant is not None:
-            count = int(self.unit.max()) + 1
-            power = np.maximum(np.bincount(self.unit, self._constant**2, minlength=count), 1e-300)
-            share = np.bincount(self.unit, self._constant * z, minlength=count) / power
+        if self._power is not None:
+            share = np.bincount(self.unit, self._constant * z) / self._power
             z = z - self._constant * share[self.unit]
         return np.asarray(z)
 
@@ -97,6 +96,8 @@ def evidence(gram: FloatArray, score: FloatArray, prior: FloatArray | None) -> t
         power = np.diag(gram)
         if not np.all(power > 1e-9):
             return 0.0, 0.0
+        if len(score) == 1:
+            return 0.5 * float(score[0] * (score[0] / gram[0, 0])), np.inf
         return 0.5 * float(score @ np.linalg.lstsq(gram, score, rcond=1e-10)[0]), np.inf
     root = np.linalg.cholesky(prior + 1e-9 * np.eye(len(prior)))
     size, turn = np.linalg.eigh(root.T @ gram @ root)

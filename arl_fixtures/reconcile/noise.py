@@ -49,6 +49,7 @@ class Level:
 
 @dataclass(frozen=True, slots=True)
 class _Step:
+    tau: float
     code: IntArray
     count: int
     direction: FloatArray
@@ -85,7 +86,7 @@ class Whitener:
         weight = _sum_by(level.code, direction**2, level.count)
         with np.errstate(invalid="ignore", divide="ignore"):
             shrink = np.where(weight > 0, (1.0 - 1.0 / np.sqrt(1.0 + tau**2 * weight)) / weight, 0.0)
-        return _Step(level.code, level.count, direction, weight, shrink)
+        return _Step(tau, level.code, level.count, direction, weight, shrink)
 
     def __call__(self, x: FloatArray) -> FloatArray:
         """Whiten a residual or tangent, shape (n,) or (k, n)."""
@@ -111,6 +112,8 @@ def _sum_by(code: IntArray, x: FloatArray, count: int) -> FloatArray:
 
 
 def _apply(step: _Step, z: FloatArray) -> FloatArray:
+    if step.tau == 0.0:
+        return z
     share = step.shrink * np.bincount(step.code, step.direction * z, minlength=step.count)
     return z - step.direction * share[step.code]
 

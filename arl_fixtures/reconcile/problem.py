@@ -176,10 +176,19 @@ class ChannelData:
             tau[level.name], _ = self.level_scatter(residual, level, partial, lost=lost)
         kept = self.tau
         self.rebuild(tau)
-        z = self.whiten(residual)
-        value = -0.5 * (float(z @ z) + self.whitener.log_det)
+        value = self.likelihood(residual)
         self.rebuild(kept)
         return value, tau
+
+    def likelihood(self, residual: FloatArray) -> float:
+        """Log-likelihood with the present scatters, up to a constant of the channel."""
+        z = self.whiten(residual)
+        return -0.5 * (float(z @ z) + self.whitener.log_det)
+
+    def alone(self, level: Level) -> float:
+        """Scatter of a level from which its groups' rows tell of it more than of themselves."""
+        weight = np.bincount(level.code, (self.root_weight * level.scale) ** 2, minlength=level.count)
+        return float(1.0 / np.sqrt(max(float(np.median(weight)), 1e-300)))
 
 
 class Problem:
@@ -193,7 +202,7 @@ class Problem:
 
     def __init__(self, columns: Columns, rows: IntArray | None = None, groups: Groups | None = None) -> None:
         self.columns = columns
-        self.view = View(columns, rows)
+        self.view = View(columns, rows, scatters=False)
         self.groups = groups if groups is not None else find_groups(columns)
         self.fold = folds_of(self.groups.block, FOLDS)[self.view.rows]
         self.data: list[ChannelData] = []

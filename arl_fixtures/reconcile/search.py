@@ -8,11 +8,11 @@ steps, angles or pixels. Small problems rank (a part of the rows), the full one 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from arl_fixtures.reconcile.acceptance import PATTERN_ODDS, PRICE, Ranked, evidence, is_misfit, is_rounding
+from arl_fixtures.reconcile.acceptance import PATTERN_ODDS, PRICE, Ranked, evidence, is_misfit, is_repeat, is_rounding
 from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.effect import Effect, State
 from arl_fixtures.reconcile.fit import Fit, finish, fit, hold_back_edges
@@ -31,6 +31,8 @@ SHORTLIST = 16
 POLISHED = 6
 TWIN_GAIN = 2.0
 """Of candidates that differ by less in log-likelihood the one with fewest parameters is taken."""
+STEP_SHARE, LARGE_STEPS = 0.3, 1.5
+"""Share of the steps' scatter with which candidates are screened anew, where it is that much larger than stated."""
 CLEAR_CONSTANT = 5.0
 """Standard errors from which a unit's constant is worth explaining."""
 LEVEL_NAME, LEVEL_ALARM = 0.99, 0.95
@@ -163,7 +165,7 @@ class Search:
         chance: Screening | None = None
         for round_number in range(MOST_TERMS):
             self.progress(f"search, round {round_number + 1}", 0.1 + 0.15 * round_number)
-            screening = screen(self.small, self.variants, best.terms, with_chance=chance is None)
+            screening = self._screen(best.terms, with_chance=chance is None)
             chance = screening if chance is None else chance
             self.surcharge = chance.surcharge(LEVEL_NAME)
             stage = self._round(best, screening, chance)
@@ -190,10 +192,37 @@ class Search:
         }
         return found
 
+    def _screen(self, terms: Sequence[Term], *, with_chance: bool) -> Screening:
+        """Candidates, also with a smaller scatter of the steps: what a candidate explains may pass for it."""
+        found = screen(self.small, self.variants, terms, with_chance=with_chance)
+        kept = [(d, d.tau) for d in self.small.data]
+        residual = forward(terms, self.small.view)
+        handicap = 0.0
+        for d, tau in kept:
+            level = next((level for level in d.levels if level.name == "step"), None)
+            least = max(level.floor, d.alone(level)) if level is not None else np.inf
+            if tau.get("step", 0.0) < LARGE_STEPS * least:
+                continue
+            before = d.likelihood(d.residual(residual))
+            d.rebuild({**tau, "step": max(STEP_SHARE * tau["step"], least)})
+            handicap += before - d.likelihood(d.residual(residual))
+        if handicap > 0.0:
+            again = screen(self.small, self.variants, terms)
+            best = {c.term.label: c for c in found.candidates}
+            for c in again.candidates:
+                seen = best.get(c.term.label)
+                if c.gain - handicap > (seen.gain if seen is not None else 0.0):
+                    best[c.term.label] = replace(c, gain=c.gain - handicap)
+            ranked = sorted(best.values(), key=lambda c: (-c.gain, c.term.label))
+            found = replace(found, candidates=tuple(ranked))
+        for d, tau in kept:
+            d.rebuild(tau)
+        return found
+
     def _round(self, base: Fit, screening: Screening, chance: Screening) -> Stage:
         threshold = chance.threshold(LEVEL_NAME)
         alarm = chance.threshold(LEVEL_ALARM)
-        ranked = self.rank(base, shortlist(screening.candidates))
+        ranked = self.rank(base, shortlist([c for c in screening.candidates if not is_repeat(base, c)]))
         sure = [
             r
             for r in ranked
@@ -201,7 +230,7 @@ class Search:
         ]
         sure = [r for r in sure if not is_rounding(self.full, base, r)]
         close = [r for r in sure if r.gain > sure[0].gain - TWIN_GAIN]
-        chosen = min(close, key=lambda r: (r.candidate.free, -r.gain), default=None)
+        chosen = min(close, key=_simplest, default=None)
         if chosen is not None:  # of drivers that tell the same the physically nearest, which comes first
             same = [r for r in close if r.candidate.term.effect is chosen.candidate.term.effect]
             same = [r for r in same if r.candidate.free == chosen.candidate.free]
@@ -309,6 +338,11 @@ class Search:
             if ranked and ranked[0].gain > needed + 1.0:
                 best = ranked[0].fit
         return best
+
+
+def _simplest(ranked: Ranked) -> tuple[int, float, str]:
+    """Order of candidates that explain as much; equal ones in the order of their names, not of rounding errors."""
+    return ranked.candidate.free, -round(ranked.gain, 1), ranked.candidate.term.effect.id
 
 
 def constant_z(d: ChannelData, state: State) -> float:
