@@ -196,9 +196,10 @@ def lifetime(cycles: Sequence[Cycle], model: LifetimeModel | None) -> Section:
     use = model.use
     hours = sum(hours for hours, _ in stress.dwell)
     count = len(stress.swings_k)
-    swings = f"{min(stress.swings_k):.0f} to {max(stress.swings_k):.0f} K" if count else "no swing"
+    least, most = (f"{pick(stress.swings_k, default=0.0):.0f}" for pick in (min, max))
+    swings = "no swing" if not count else f"{least} K" if least == most else f"{least} to {most} K"
     intro = (
-        f"{count} {'cycle' if count == 1 else 'cycles'} with swings of {swings} and {hours:.1f} h at temperature "
+        f"{count} {'cycle' if count == 1 else 'cycles'} of {swings} and {hours:.1f} h at temperature "
         f"(housing of the first DUT), against use '{shown(model.name)}' version {model.version}: swings of "
         f"{_range(use.swing_k)} K, "
         f"{_range(use.swings_per_year)} a year, {_range(use.temperature_c)} °C for {_range(use.hours_per_year)} h a "
