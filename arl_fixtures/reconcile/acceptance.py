@@ -59,12 +59,12 @@ def evidence(ranked: Ranked, surcharge: float) -> float:
 
 
 def is_repeat(base: Fit, candidate: Candidate) -> bool:
-    """Whether an effect stands already on the same rows, by the same columns: its own shape is all it could mend."""
+    """Whether an effect stands already on the same rows, by the same columns: its shape is all it could mend."""
     new = candidate.term
     return any(
         term.effect.id == new.effect.id
         and set(term.variant.channels) & set(new.variant.channels)
-        and set(term.variant.drivers) == set(new.variant.drivers)
+        and (_columns(term) <= _columns(new) or _columns(new) <= _columns(term))
         and (term.unit == new.unit or not term.unit or not new.unit)
         and (_surface(term) == _surface(new) or not _surface(term) or not _surface(new))
         for term in base.terms
@@ -98,11 +98,17 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
     for index, term in enumerate(base.terms):
         if not set(term.variant.channels) & set(new.variant.channels):
             continue
-        alike = bool(set(term.variant.drivers) & set(new.variant.drivers))
-        share = MISFIT_SHARE if alike else HIDDEN_SHARE
-        if ranked.gain < share * gains.get(index, 0.0) and not _stands_apart(problem, base, ranked, index):
+        alike = bool(_columns(term) & _columns(new))
+        least = (MISFIT_SHARE if alike else HIDDEN_SHARE) * gains.get(index, 0.0)
+        apart = not alike and ranked.gain > 0.1 * least and _stands_apart(problem, base, ranked, index)
+        if ranked.gain < least and not apart:
             return True
     return False
+
+
+def _columns(term: Term) -> set[str]:
+    """Drivers, a measured column and its simulation counted as one."""
+    return {name.removeprefix("sim_") for name in term.variant.drivers}
 
 
 def _stands_apart(problem: Problem, base: Fit, ranked: Ranked, index: int) -> bool:

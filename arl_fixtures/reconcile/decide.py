@@ -23,7 +23,7 @@ from arl_fixtures.reconcile.findings import (
 )
 from arl_fixtures.reconcile.fit import Fit, finish, fit, with_vector
 from arl_fixtures.reconcile.law import Law
-from arl_fixtures.reconcile.law_search import Chosen, add_trees, search_law
+from arl_fixtures.reconcile.law_search import add_trees, is_law, search_law
 from arl_fixtures.reconcile.locate import locate, located_law
 from arl_fixtures.reconcile.patterns import (
     PATTERN_GAIN,
@@ -47,14 +47,11 @@ UNKNOWN_SHARE = 0.08
 """Share above which what is left is reported as a finding of its own."""
 BEATEN_BY, BEATEN_SHARE = 12.0, 0.05
 """By how much a law must do better than names before these are refused: log-likelihood, or share of their gain."""
-LAW_EVIDENCE, LAW_GAIN, LAW_Z = 6.0, 9.0, 3.0
-"""Where nothing else tells of a mismatch, a law's first term must earn this beyond its price, and the law must gain
-this on unseen blocks, this surely."""
-LAW_LIKELIER = 12.0
-"""Marginal likelihood of a whole law, less its price, that tells of a mismatch by itself."""
 PIXEL_COLUMNS = frozenset({"pixel_u", "pixel_v", "azimuth_deg", "elevation_deg"})
 BEATEN_PLAIN = 0.03
 """Share of what the names explain to independent rows by which a law without physics must at least be better."""
+SCATTER_SHARE = 0.15
+"""Share of what names do to the groups of a channel below which what is left between these is their own error."""
 PICTURE_SHARE = 0.3
 """Share of what an effect over the image explains that a free pattern of pixels must gain beside it."""
 CONSTANT_Z = 8.0
@@ -83,14 +80,6 @@ def _important(seen: Structure) -> list[str]:
     """Columns by which a physics-free model splits most."""
     order = sorted(seen.ceiling.importance.items(), key=lambda kv: -kv[1])
     return [name for name, share in order[:5] if share > 0.05]
-
-
-def is_law(chosen: Chosen) -> bool:
-    """Whether a law by itself is evidence of a mismatch."""
-    if not chosen.terms or chosen.held < LAW_GAIN:
-        return False
-    sure = chosen.terms[0].gain > LAW_EVIDENCE and chosen.z > LAW_Z
-    return sure or (chosen.likelier > LAW_LIKELIER and chosen.z > LEAST_Z)
 
 
 class Decision:
@@ -254,7 +243,8 @@ class Decision:
         price = PRICE * sum(len(t.free()) for t in acting)
         named = d.fit_scatter(d.residual(own))[0] - base - price
         plain = sum(self._plain_gain(t) for t in acting)  # free scatters of pixels or steps hide most of a gain
-        return chosen.likelier > named + max(BEATEN_BY, BEATEN_SHARE * named, BEATEN_PLAIN * plain)
+        least = named + max(BEATEN_BY, BEATEN_SHARE * named, BEATEN_PLAIN * plain)
+        return chosen.z > LEAST_Z and chosen.likelier > least
 
     def _mostly_in(self, term: Term, names: set[str]) -> bool:
         energy = self.energy(term)
@@ -289,8 +279,9 @@ class Decision:
         """What groups share beyond what is declared: a finding, or an unknown where it follows a condition."""
         lawful = {law.channel for law in self.laws}
         scatters = [
-            s for s in find_scatter(self.problem, self.effects, self.final_state()) if s.channel not in lawful
-        ]
+            s for s in find_scatter(self.problem, self.effects, self.final_state())
+            if s.channel not in lawful and s.value > SCATTER_SHARE * self._moved(s)
+        ]  # fmt: skip
         self.scatters = [s for s in scatters if not s.driver][:1]
         acted = {name for term in self.terms for name in self.energy(term)}
         for s in scatters:
@@ -298,6 +289,14 @@ class Decision:
                 d = next(d for d in self.problem.data if d.channel.name == s.channel)
                 relative = d.channel.role in {Role.INTENSITY, Role.SCATTER}
                 self.laws.append(Law(channel=s.channel, relative=relative, terms=[], drivers=[s.driver], gain=s.gain))
+
+    def _moved(self, scatter: Scatter) -> float:
+        """Standard deviation, over a scatter's groups, of what the names and patterns do to its channel."""
+        d = next(d for d in self.problem.data if d.channel.name == scatter.channel)
+        level = next(level for level in d.levels if level.name == scatter.level)
+        named = forward(self.terms, self.problem.view)[d.channel.name] - self.problem.view.sim[d.channel.name]
+        count = np.maximum(np.bincount(level.code, minlength=level.count), 1)
+        return float(np.std(np.bincount(level.code, named[d.use], minlength=level.count) / count))
 
     def _drop_shadowed(self) -> None:
         """Drop patterns of pixels that a law explains as well: its pixels merely see different conditions."""

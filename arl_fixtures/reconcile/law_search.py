@@ -38,6 +38,12 @@ CLOSE, CLOSE_SHARE = 2.0, 0.03
 LEAST_GAIN, FURTHER_GAIN, FURTHER_SHARE = 1.0, 4.0, 0.01
 """Log-likelihood that the first term and further ones must gain on unseen blocks, and its share of what is gained."""
 
+LAW_EVIDENCE, LAW_GAIN, LAW_Z = 6.0, 9.0, 3.0
+"""Where nothing else tells of a mismatch, a law's first term must earn this beyond its price, and the law must gain
+this on unseen blocks, this surely."""
+LAW_LIKELIER, LAW_LEAST_Z = 12.0, 2.0
+"""Marginal likelihood of a whole law, less its price, that tells of a mismatch where several blocks say so."""
+
 
 @dataclass(slots=True, kw_only=True)
 class Chosen:
@@ -59,6 +65,14 @@ class Chosen:
     freedom: float = 0.0
     inside: float = 0.0
     likelier: float = 0.0
+
+
+def is_law(chosen: Chosen) -> bool:
+    """Whether a law by itself is evidence of a mismatch."""
+    if not chosen.terms or chosen.held < LAW_GAIN:
+        return False
+    sure = chosen.terms[0].gain > LAW_EVIDENCE and chosen.z > LAW_Z
+    return sure or (chosen.likelier > LAW_LIKELIER and chosen.z > LAW_LEAST_Z)
 
 
 def find_terms(work: Work, pool: Sequence[Candidate]) -> Chosen:
@@ -118,7 +132,7 @@ def joint(work: Work, terms: list[Candidate]) -> Chosen:
             )
         start += k
     gram, score = vectors @ vectors.T, vectors @ work.residual
-    ridge = 1e-9 * max(float(np.trace(gram)) / size, 1e-300) * np.eye(size)
+    ridge = 1e-9 * max(float(np.trace(gram)) / size, 1e-6) * np.eye(size)
     inverse = np.linalg.inv(gram + precision + ridge)
     values = inverse @ score
     predicted = np.zeros(len(work.residual))

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from arl_fixtures.reconcile.columns import Columns, FloatArray
-from arl_fixtures.reconcile.decide import is_law
 from arl_fixtures.reconcile.law import Axis, Law
 from arl_fixtures.reconcile.law_basis import MAP_KNOTS, curve_axis, map_of, members
-from arl_fixtures.reconcile.law_search import Chosen, search_law
+from arl_fixtures.reconcile.law_search import Chosen, is_law, search_law
 from arl_fixtures.reconcile.law_work import evidence
 from arl_fixtures.reconcile.locate import locate
 from arl_fixtures.reconcile.pilot import Looker

@@ -1,0 +1,106 @@
+"""What steps share hides neither a law nor a supply, and is no mere scatter where it has a cause."""
+
+import numpy as np
+import pytest
+
+from arl_fixtures.reconcile.catalogue import library
+from arl_fixtures.reconcile.law_search import search_law
+from arl_fixtures.reconcile.patterns import find_scatter
+from arl_fixtures.reconcile.pilot import Looker
+from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.search import Search
+from arl_fixtures.reconcile.table import load_table
+
+
+@pytest.fixture
+def columns_of(tmp_path, make_table, save):
+    def make(seed, change=None, **size):
+        return load_table(save(tmp_path / f"{seed}.parquet", make_table(seed, change, **size)))
+
+    return make
+
+
+def looked_at(columns, channel):
+    looker = Looker(Problem(columns))
+    state = looker.problem.view.fresh_state()
+    for each in looker.problem.data:
+        looker.calibrate(each, state)
+    return looker, next(d for d in looker.problem.data if d.channel.name == channel), state
+
+
+def kinked_table(columns, _rng):
+    """Offsets that a firmware holds for every 15 kelvin, with straight lines between them."""
+    knots = np.arange(-20.0, 120.0, 15.0)
+    offsets = np.array([0.0, 4.0, -3.0, 5.0, -4.0, 2.0, -5.0, 3.0, -1.0, 2.0]) * 1e-3
+    columns["distance_m"] = columns["distance_m"] + np.interp(columns["tof_temperature_c"], knots, offsets)
+
+
+def test_a_law_of_many_kinks_does_not_pass_for_scatter_between_steps(columns_of):
+    looker, data, state = looked_at(columns_of(51, kinked_table, steps=24), "distance_m")
+    assert data.tau["step"] > 3.0  # in declared repeatabilities: this is where it hides
+    law, chosen = search_law(looker, data, state, [])
+    assert law.drivers[0] in {"tof_temperature_c", "housing_temperature_c"}
+    assert chosen.likelier > 12.0
+    corrected = state["distance_m"] + law.correction(looker.features, state["distance_m"])
+    after, tau = data.fit_scatter(data.measured - corrected[data.use])
+    assert tau["step"] < 2.0
+    assert after > data.fit_scatter(data.residual(state))[0]
+
+
+def shaken(columns, rng):
+    key = (columns["step"] + 100 * (columns["dut"] == "S1")).astype(int)
+    columns["distance_m"] = columns["distance_m"] + rng.normal(0.0, 2e-3, 200)[key]
+
+
+def bent(columns, _rng):
+    columns["distance_m"] = columns["distance_m"] + 3e-3 * ((columns["housing_temperature_c"] - 35.0) / 40.0) ** 2
+
+
+def scatters_of(columns):
+    looker, _, state = looked_at(columns, "distance_m")
+    return [s for s in find_scatter(looker.problem, list(library().values()), state) if s.channel == "distance_m"]
+
+
+def test_scatter_between_steps_is_told_from_what_follows_a_temperature(columns_of):
+    (blind,) = [s for s in scatters_of(columns_of(52, shaken, steps=24)) if s.level == "step"]
+    assert blind.driver == ""
+    assert blind.value == pytest.approx(2e-3, rel=0.4)
+    caused = [s for s in scatters_of(columns_of(53, bent, steps=24)) if s.level == "step"]
+    assert [s.driver.endswith("_c") for s in caused] == [True]
+
+
+def test_a_supply_is_seen_although_its_readings_hardly_scatter(columns_of):
+    """The readings' noise is a tenth of the swing: within steps it outweighs what the steps say."""
+
+    def sagging(columns, rng):
+        key = (columns["step"] + 100 * (columns["dut"] == "S1")).astype(int)
+        sag = rng.normal(0.0, 0.02, 200)[key]
+        columns["rail_5v0_v"] = 5.0 + sag + rng.normal(0.0, 2e-3, len(key))
+        columns["intensity_counts"] = columns["intensity_counts"] * ((5.0 + sag) / 5.0) ** 3
+
+    found = Search(columns_of(54, sagging, steps=20), list(library().values())).run()
+    assert [t.effect.id for t in found.best.terms] == ["electronics.rail_coupling"]
+
+
+def test_outliers_of_a_large_table_do_not_pass_for_errors_of_whole_images(columns_of):
+    def wild(columns, rng):
+        n = len(columns["pixel_u"])
+        noise = columns["sim_distance_m_std"] / np.sqrt(columns["n_frames"])
+        hit = rng.random(n) < 0.1
+        columns["distance_m"] = columns["distance_m"] + hit * 6.0 * noise * rng.normal(size=n)
+
+    columns = columns_of(55, wild, duts=4, steps=60)
+    assert columns.n > 12_000  # more rows than the first look samples
+    assert scatters_of(columns) == []
+
+
+def test_a_pattern_is_found_at_whichever_period_it_has(columns_of):
+    def comb(columns, _rng):
+        columns["intensity_counts"] = columns["intensity_counts"] * (
+            1.0 + 0.004 * np.sign(np.sin(2.0 * np.pi * (columns["pixel_u"] + 0.5) / 4.0))
+        )
+
+    found = Search(columns_of(56, comb, steps=20), list(library().values())).run()
+    (term,) = found.best.terms
+    assert term.effect.id == "readout.column_pattern"
+    assert term.values["period"] == pytest.approx(4.0, rel=0.01)
