@@ -16,7 +16,7 @@ import socket
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, final
+from typing import Any, Final, final
 
 from arl_fixtures.bench.links import VirtualStreamPort
 from arl_fixtures.bench.profile import CycleStep
@@ -26,6 +26,9 @@ from arl_fixtures.lab.clients import NEVER, Client, Waiting, World, role_of
 from arl_fixtures.lab.datagrams import pack_datagrams
 from arl_fixtures.lab.framing import Message, Peer, PeerLostError, listen
 from arl_fixtures.lab.watch import PlantWatch
+
+_MOURNING_S: Final = 0.5
+"""Wall time that is granted to notice that a client is gone, before bench time may jump to what others wait for."""
 
 
 @final
@@ -47,6 +50,7 @@ class LabServer:
         self._watch = PlantWatch(world.plant)
         self._clients: dict[int, Client] = {}
         self._next_number = 1
+        self._lost_wall_s = wall_s() - _MOURNING_S
         self._pace: tuple[float, float] | None = None
         self._selector = selectors.DefaultSelector()
         self._listener = listen(path)
@@ -127,6 +131,7 @@ class LabServer:
             if other.lent_to == client.number:
                 self._give_back(other)
         self._watch.note(self._clock.now_s, "client lost", client.name)
+        self._lost_wall_s = self._wall_s()
 
     # -- time
 
@@ -140,7 +145,13 @@ class LabServer:
         wake_s = min(self._next_wake_s(), self._clock.next_event_s)
         if wake_s == NEVER:
             return None if not runners else self._grace_s
-        return max(wake_s - self._paced_s(self._pace), 0.0)
+        patience_s = max(wake_s - self._paced_s(self._pace), 0.0)
+        mourning_s = self._mourning_s()
+        return min(patience_s, mourning_s) if mourning_s > 0.0 else patience_s
+
+    def _mourning_s(self) -> float:
+        """Wall time for which bench time must not jump: who is left may not have heard yet that a client is gone."""
+        return self._lost_wall_s + _MOURNING_S - self._wall_s()
 
     def _advance(self) -> None:
         """Let whoever can run do so, and time pass as far as it may."""
@@ -154,6 +165,7 @@ class LabServer:
                 continue
             wake_s = self._next_wake_s()
             jump = not runners and any(client.jumps for client in self._clients.values())
+            jump = jump and self._mourning_s() <= 0.0
             if jump:
                 self._pace = None
                 limit_s = wake_s

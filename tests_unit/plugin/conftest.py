@@ -62,6 +62,10 @@ class Session:
     def write(self, name, text):
         (self.folder / name).write_text(text, encoding="utf-8")
 
+    def lengthen(self):
+        """So many steps that whoever interrupts the session has time to."""
+        self.write("tiny.yaml", PROFILE.replace("[24, 26, 24]", str([24, 26] * 12)))
+
     def limit(self, text):
         """A limits file with one limit."""
         self.write("limits.yaml", f"name: one\nversion: 1\nlimits:\n  - {{{text}, reason: test}}\n")

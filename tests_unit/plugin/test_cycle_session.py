@@ -173,6 +173,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing_that_looks_whole(session):
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
 def test_signals_end_the_session_with_its_journal_closed_and_the_bench_safe(session, number):
+    session.lengthen()
     child = start_until(session, "settle", 2)
     child.send_signal(number)
     out, _ = child.communicate(timeout=60)
@@ -183,6 +184,7 @@ def test_signals_end_the_session_with_its_journal_closed_and_the_bench_safe(sess
 
 
 def test_a_terminal_that_is_gone_does_not_keep_the_journal_from_its_end(session):
+    session.lengthen()
     child = start_until(session, "settle", 2)
     child.stdout.close()
     child.send_signal(signal.SIGHUP)
