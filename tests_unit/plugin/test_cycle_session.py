@@ -219,6 +219,8 @@ def start_until(session, kind, count):
     child = subprocess.Popen(
         session.command("-s"), cwd=session.folder, env=session.environment(), stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT, text=True,
+        # whoever runs us in the background has had Ctrl-C ignored, and a child inherits that
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509 no threads here
     )  # fmt: skip
     journal = session.folder / "out/session-0001.jsonl"
     # the child's own progress lines wake us: no line is read twice, nothing sleeps
