@@ -38,9 +38,9 @@ class Hands:
     """
 
     def __init__(self, config: BenchConfig, host: Host, lines: Mapping[Kind, Line], attention: Attention) -> None:
-        self._config, self._host, self._lines, self._attention = config, host, lines, attention
-        self._patience = Patience()
-        self._clock = PatientClock(host, attention, self._patience)
+        self._config, self._host, self._lines = config, host, lines
+        self._patience = Patience(attention)
+        self._clock = PatientClock(host, self._patience)
         self._drivers: dict[Kind, Any] = {}
         self.findings = Findings()
         self.findings.temperatures_c = dict.fromkeys([*config.thermometer.named_channels(), "coolant"])
@@ -54,7 +54,7 @@ class Hands:
     def renew_one(self, kind: Kind, line: Line) -> None:
         """Forget what one driver remembers, as a stage's faults, which stay until the next homing."""
         driver = find_driver(self._config.devices()[kind].driver, kind)
-        port = OwnPort(line, self._host, self._attention, self._patience)
+        port = OwnPort(line, self._host, self._patience)
         self._drivers[kind] = driver.make(port, self._clock, self._config.device_settings(kind))
 
     @property
@@ -74,7 +74,7 @@ class Hands:
             self.forget(kind)
             return why(error)
         finally:
-            self._patience.deadline_s = float("inf")
+            self._patience.deadline_s, self._patience.may_be_cut = float("inf"), True
         return ""
 
     @property
@@ -122,6 +122,8 @@ class Hands:
     def do(self, step: SafeStep, limit_s: float) -> str:
         """Carry out a safe action within `limit_s` and read it back; returns what went wrong, empty if verified."""
         self._patience.deadline_s = self._host.clock.now_s + limit_s
+        # nothing is more urgent
+        self._patience.may_be_cut = False
         try:
             carry_out(
                 step,
@@ -133,5 +135,5 @@ class Hands:
         except ArlError as error:
             return why(error)
         finally:
-            self._patience.deadline_s = float("inf")
+            self._patience.deadline_s, self._patience.may_be_cut = float("inf"), True
         return ""

@@ -9,8 +9,8 @@ the way into the safe state the guard does not wait: what it does then may be do
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Final, final
+from collections.abc import Callable, Sequence
+from typing import Any, Final, final
 
 from arl_fixtures.bench.build import CONTROL_LINES
 from arl_fixtures.bench.config import BenchConfig
@@ -24,10 +24,30 @@ HOLD_S: Final = 0.05
 
 @final
 class Patience:
-    """Until when the guard's own exchanges may last, for all devices at once."""
+    """Until when the guard's own exchanges may last, for all devices at once; over when one of them is cut short.
 
-    def __init__(self) -> None:
+    Cut short once, an exchange must not go on asking: every further question that is cut short is one more answer
+    that may still come, and once all kinds are missing the line has to rest before anything can be asked of it.
+
+    Args:
+        attention: who is heard while a device is waited for.
+    """
+
+    def __init__(self, attention: Attention) -> None:
         self.deadline_s = float("inf")
+        self.may_be_cut = True
+        self._attention = attention
+
+    def sockets(self) -> Sequence[Any]:
+        """Everything that may speak."""
+        return self._attention.sockets()
+
+    def attend(self) -> bool:
+        """Hear; true if something is more urgent, unless this is what is most urgent."""
+        cut = self._attention.attend() and self.may_be_cut
+        if cut:
+            self.deadline_s = float("-inf")
+        return cut
 
 
 @final
@@ -36,12 +56,11 @@ class PatientClock:
 
     Args:
         host: time.
-        attention: who is heard while sleeping.
-        patience: the deadline.
+        patience: the deadline, and who is heard while sleeping.
     """
 
-    def __init__(self, host: Host, attention: Attention, patience: Patience) -> None:
-        self._host, self._attention, self._patience = host, attention, patience
+    def __init__(self, host: Host, patience: Patience) -> None:
+        self._host, self._patience = host, patience
 
     @property
     def now_s(self) -> float:
@@ -61,7 +80,8 @@ class PatientClock:
         if duration_s <= 0.0:
             return
         until_s = self.now_s + duration_s
-        self._host.sleep(min(until_s, self._patience.deadline_s), self._attention)
+        if self._patience.deadline_s > self.now_s:
+            self._host.sleep(min(until_s, self._patience.deadline_s), self._patience)
         if self.now_s < until_s - 1e-9:
             raise DeviceTimeoutError("no time left to wait for the device")
 
@@ -73,12 +93,11 @@ class OwnPort:
     Args:
         line: the line.
         host: time and the port's reading.
-        attention: who is heard while waiting for the device.
-        patience: the deadline.
+        patience: the deadline, and who is heard while waiting for the device.
     """
 
-    def __init__(self, line: Line, host: Host, attention: Attention, patience: Patience) -> None:
-        self._line, self._host, self._attention, self._patience = line, host, attention, patience
+    def __init__(self, line: Line, host: Host, patience: Patience) -> None:
+        self._line, self._host, self._patience = line, host, patience
         self.name = line.port.name
 
     def write(self, data: bytes) -> None:
@@ -89,7 +108,7 @@ class OwnPort:
 
     def read(self, timeout_s: float) -> bytes:
         """What arrives before time-out and deadline."""
-        data = self._host.read(self._line.port, min(timeout_s, self._left_s()), self._attention)
+        data = self._host.read(self._line.port, min(timeout_s, self._left_s()), self._patience)
         if data:
             self._line.unsettled_by = ""
         return data

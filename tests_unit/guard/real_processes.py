@@ -148,15 +148,18 @@ def is_safe(state):
     return not any(power) and state["setpoint_c"] == 23.0 and not state["stage_moving"]
 
 
-def assert_safe_within(found, since_s, limit_s=2.0):
-    """Everything that was energised at `since_s` was off `limit_s` later, in the right order."""
+def assert_safe_within(found, since_s, limit_s=2.0, *, not_before_s=None):
+    """Everything that was energised at `since_s` was off `limit_s` later, in the right order.
+
+    Where bench time went on between what happened and the look at it, `not_before_s` is the last time known before.
+    """
     state = found["state"]
     assert is_safe(state), state
     changes = [(time_s, name) for time_s, name, _ in found["events"] if not name.startswith("client")]
     late = [change for change in changes if change[0] > since_s + limit_s]
     assert not late, f"changed later than {limit_s:g} s after {since_s:.2f} s: {late}"
     assert state["stage_stands_from_s"] <= since_s + limit_s
-    after = [change for change in changes if change[0] >= since_s]
+    after = [change for change in changes if change[0] >= (since_s if not_before_s is None else not_before_s)]
     power = [time_s for time_s, name in after if name.startswith(("dut", "laser"))]
     setpoint = [time_s for time_s, name in after if name == "setpoint_c"]
     assert power

@@ -35,12 +35,13 @@ def test_a_test_killed_at_once(stand, run_test, number):
 
 def test_a_test_that_is_stopped_is_as_good_as_dead_and_hears_of_it_when_it_wakes(stand, run_test):
     pid = run_test(stand, go_on)
+    not_before_s = stand.inspect()["state"]["now_s"]
     os.kill(pid, signal.SIGSTOP)
     os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOWAIT)
     since_s = stand.inspect()["state"]["now_s"]
     status = stand.wait_for_state("idle")
     assert "was stopped" in status["cause"]
-    assert_safe_within(stand.inspect(), since_s)
+    assert_safe_within(stand.inspect(), since_s, not_before_s=not_before_s)
     os.kill(pid, signal.SIGCONT)
     assert reap(pid) == 3
     assert "was stopped" in (stand.runtime / "heard").read_text()

@@ -65,12 +65,12 @@ def line(host):
 
 @pytest.fixture
 def patience():
-    return Patience()
+    return Patience(None)
 
 
 @pytest.fixture
 def own(line, host, patience):
-    return OwnPort(line, host, None, patience)
+    return OwnPort(line, host, patience)
 
 
 def serve(line, op="read", payload=b"", *, drain=False):
@@ -132,7 +132,7 @@ def test_the_guards_patience_ends_at_its_deadline(own, host, patience):
 
 
 def test_the_guards_sleep_is_cut_by_deadline_and_urgency(host, patience):
-    clock = PatientClock(host, None, patience)
+    clock = PatientClock(host, patience)
     clock.sleep(0.5)
     patience.deadline_s = 1.0
     with pytest.raises(DeviceTimeoutError):
