@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from arl_fixtures.metrics.calibration.adjustment import PLACE_PX, adjust
+from arl_fixtures.metrics.calibration.adjustment import adjust
 from arl_fixtures.metrics.calibration.circles import Centres, circle_plan, find_centres
+from arl_fixtures.metrics.calibration.places import PLACE_PX
 from arl_fixtures.metrics.geometry import GeometryCache
 from arl_fixtures.metrics.reference import NotMeasurableError
 from arl_fixtures.metrics.step import BenchUncertainty
@@ -71,7 +72,7 @@ def test_planted_deviations_come_back_with_their_uncertainty(plan):
         deviation = field.jacobian @ [truth[name] for name in field.names]
         deviation += field.stage_jacobian * turned[field.angle][:, None] + sigma_px * rng.standard_normal((m, 2))
         found = adjust(field, Centres(np.ones(m, bool), deviation, np.full((m, 2), sigma_px**2)), BENCH, {})
-        total = found.repeatability + sum(found.by_group.values())
+        total = found.centres.covariance + sum(found.by_group.values())
         error = np.array([found.offsets[name] - truth[name] for name in found.names])
         scores.append(error / np.sqrt(np.diag(total)))
     # the allowance for alike residuals of one place costs a tenth where there are none
@@ -94,11 +95,28 @@ def test_residuals_alike_where_circles_of_a_row_pass_widen_the_uncertainty(plan)
     single, alike = (
         adjust(field, Centres(usable, deviation, variance), BENCH, {}) for deviation in (alone, of_place)
     )
-    ratio = np.sqrt(np.diag(alike.repeatability) / np.diag(single.repeatability))
+    ratio = np.sqrt(np.diag(alike.centres.covariance) / np.diag(single.centres.covariance))
     assert np.all(ratio > 2.0)
-    # the order of residuals is that of the centres they are given with
-    turned = np.arange(m)[::-1]
-    assert np.allclose(alike.scaled(alike.residuals[turned], turned), alike.repeatability)
+
+
+def test_what_a_place_repeats_cancels_in_a_change_and_what_it_does_not_adds(plan):
+    field = plan.circles
+    rng = np.random.default_rng(4)
+    m = len(field.angle)
+    variance, usable = np.full((m, 2), 0.01**2), np.ones(m, bool)
+    shared, then, now = (0.01 * rng.standard_normal((m, 2)) for _ in range(3))
+
+    def of(deviation):
+        return adjust(field, Centres(usable, deviation, variance), BENCH, {}).centres
+
+    for k in range(5):
+        same, other = of(shared), of(now)
+        assert same.variance_of_change(k, same.place, same.influence[:, k])[0] == 0.0
+        before = of(then)
+        apart = other.variance_of_change(k, before.place, before.influence[:, k])[0]
+        assert apart == pytest.approx(other.variance(k)[0] + before.variance(k)[0], rel=0.5)
+        elsewhere = other.variance_of_change(k, before.place + 10**15, before.influence[:, k])[0]
+        assert elsewhere == pytest.approx(other.variance(k)[0] + before.variance(k)[0], rel=1e-9)
 
 
 def test_wild_centres_lose_their_weight(plan):
@@ -108,7 +126,7 @@ def test_wild_centres_lose_their_weight(plan):
     deviation = 0.01 * rng.standard_normal((m, 2))
     deviation[rng.random(m) < 0.05] += 1.0
     found = adjust(field, Centres(np.ones(m, bool), deviation, np.full((m, 2), 0.01**2)), BENCH, {})
-    assert abs(found.offsets["cx"]) < 4 * np.sqrt(found.repeatability[2, 2])
+    assert abs(found.offsets["cx"]) < 4 * np.sqrt(found.centres.covariance[2, 2])
     assert abs(found.offsets["cx"]) < 0.01
 
 

@@ -3,10 +3,8 @@
 Linear about the assumed camera: deviations of the centres d = J θ + ε, with normal priors on everything that a
 certificate or drawing knows (mount, target positions, each stage angle) and none on the intrinsics. The scatter of
 the centres beyond repeatability (the coarse sampling of a four-pixel circle) is estimated from the residuals and
-joins ε; single wild centres lose their weight (bisquare). The circles of one row of the targets pass the same places
-of the image one after the other, at the same height in the pixel grid, so their residuals are alike there, whichever
-circle, target and stage angle it is: the scatter of the places' own sums, not of single residuals, says what the
-estimate is worth (cluster-robust covariance with a factor per image axis).
+joins ε; single wild centres lose their weight (bisquare). What the estimate is worth is said by the places on the
+sensor, not by single centres (`calibration.places`).
 
 The estimate's error is H⁻¹(JᵀW ε − P η), H = JᵀWJ + P, with η the true deviations behind the priors P: that splits
 its covariance into repeatability (type A) and one type B contribution for each group of priors.
@@ -28,6 +26,7 @@ from arl_fixtures.metrics.calibration.camera import (
     free_intrinsics,
 )
 from arl_fixtures.metrics.calibration.circles import Centres
+from arl_fixtures.metrics.calibration.places import PlaceInfluence, influence, places
 from arl_fixtures.metrics.reference import NotMeasurableError
 from arl_fixtures.metrics.step import BenchUncertainty
 
@@ -43,10 +42,6 @@ HALF_NORMAL_90: Final = 1.6449
 """Quantiles of |x| for a standard normal x."""
 FEWEST_CIRCLES: Final = 100
 GROUPS: Final = ("mount", "target position", "stage angle")
-PLACE_PX: Final = (8.0, 16.0)
-"""Columns of one place, for errors in u and in v. Both depend on where a circle lies in the grid of the samples.
-Along a row its position in u goes through the grid with every step of the stage, and what is left is alike over two
-widths of a circle; its height stays nearly the same, so errors in v are alike over more of the row."""
 LEAST_PX: Final = 1e-4
 """Floor of a centre's standard deviation: no centre is exact."""
 LEAST_U: Final = 1e-9
@@ -60,15 +55,8 @@ class Adjustment:
     Attributes:
         names: of the intrinsic parameters.
         offsets: estimated deviation of every parameter but the stage angles, by name.
-        kernels: (2, p, p) covariance of the intrinsic parameters from the centres' u and from their v, were all
-            residuals independent and as large as assumed.
-        identity: (k,) which circle at which angle each used centre is.
-        place: (k, 2) in which place of the image it was seen, from 0: for its u and for its v.
-        free: (2,) share of the places' sums of squares in u and in v that the parameters leave free.
-        residuals: (k, 2) in standard deviations as assumed.
-        sigma_px: (k, 2) standard deviation assumed of each.
-        by_group: the same from each group of `GROUPS`.
-        dof: degrees of freedom of the repeatability.
+        centres: what the centres contribute to the covariance of the intrinsic parameters, place by place.
+        by_group: covariance of the intrinsic parameters from each group of `GROUPS`.
         circles: centres used.
         residual_px: root mean square of the residuals, robust.
         moved_px: root mean square of what the estimated intrinsics and mount move the centres by.
@@ -76,33 +64,11 @@ class Adjustment:
 
     names: tuple[str, ...]
     offsets: dict[str, float]
-    kernels: Float64Array
-    identity: Int64Array
-    place: Int64Array
-    free: tuple[float, float]
-    residuals: Float64Array
-    sigma_px: Float64Array
+    centres: PlaceInfluence
     by_group: dict[str, Float64Array]
-    dof: float
     circles: int
     residual_px: float
     moved_px: float
-
-    @property
-    def repeatability(self) -> Float64Array:
-        """Covariance of the intrinsic parameters from the circle centres."""
-        return self.scaled(self.residuals, np.arange(len(self.place)))
-
-    def scaled(self, residuals: Float64Array, used: Int64Array) -> Float64Array:
-        """Covariance of the intrinsic parameters if the centres scatter as these residuals do.
-
-        Args:
-            residuals: (j, 2) in the standard deviations assumed here.
-            used: (j,) which centres they belong to.
-        """
-        factors = [_cluster_factor(residuals[:, axis], self.place[used, axis]) / self.free[axis] for axis in (0, 1)]
-        covariance: Float64Array = np.tensordot(factors, self.kernels, axes=1)
-        return covariance
 
 
 def adjust(
@@ -144,33 +110,20 @@ def adjust(
         trust = np.clip(1.0 - residual**2 / (TUKEY**2 * variance), 0.0, None) ** 2
 
     count = len(free_intrinsics(field.dut.intrinsics))
-    # weights of (1 − x²)² stand for evidence of a share of an observation: the sandwich has them squared
-    squared = trust * trust / variance
-    kernels = []
-    for axis in (0, 1):
-        of_axis = np.where(np.arange(squared.size) % 2 == axis, squared, 0.0)
-        kernels.append((inverse @ equations.normal(of_axis) @ inverse.T)[:count, :count])
     by_group = {name: (inverse * np.where(group == k, prior, 0.0)) @ inverse.T for k, name in enumerate(GROUPS)}
-    place = _places(field, used)
     whitened = np.sqrt(trust / variance)
-    independent = [len(of_axis) ** 2 / np.square(np.bincount(of_axis), dtype=float).sum() for of_axis in place.T]
+    design, stage = equations.whitened(whitened)
+    by_place = influence(
+        places(field, used), design, stage, equations.angle[::2], inverse, (whitened * residual).reshape(-1, 2), count
+    )
     moves = np.zeros_like(theta)
     camera = [k for k, name in enumerate(field.names) if "." not in name or name.startswith("mount.")]
     moves[camera] = theta[camera]
     return Adjustment(
         names=field.names[:count],
         offsets=dict(zip(field.names, theta[: len(field.names)].tolist(), strict=True)),
-        kernels=np.stack(kernels),
-        identity=field.identity[used],
-        place=place,
-        free=(
-            equations.free_share(whitened, place[:, 0], inverse, 0),
-            equations.free_share(whitened, place[:, 1], inverse, 1),
-        ),
-        residuals=(whitened * residual).reshape(-1, 2),
-        sigma_px=np.sqrt(variance).reshape(-1, 2),
+        centres=by_place,
         by_group={name: part[:count, :count] for name, part in by_group.items()},
-        dof=float(max(sum(independent) - len(field.names), 1.0)),
         circles=int(used.sum()),
         residual_px=float(np.sqrt(np.average(residual**2, weights=trust))),
         moved_px=float(np.sqrt(np.mean(equations.predicted(moves) ** 2))),
@@ -222,24 +175,10 @@ class _Equations:
         predicted: Float64Array = self.dense @ theta[:p] + self.stage * theta[p:][self.angle]
         return predicted
 
-    def free_share(self, whitened: Float64Array, place: Int64Array, inverse: Float64Array, axis: int) -> float:
-        """Expected sum of the squares of the places' sums of residuals, as a share of what it is without a fit.
-
-        For residuals that are independent and of variance 1: tr(Z(I − H)Zᵀ)/n with the hat matrix H and Z the sums.
-
-        Args:
-            whitened: (2k,) factor that makes each residual's variance 1.
-            place: (k,) place of each centre.
-            inverse: covariance of the parameters.
-            axis: 0 for u, 1 for v.
-        """
-        p = self.dense.shape[1]
-        sums = np.zeros((int(place.max()) + 1, len(inverse)))
-        weight = whitened[axis::2]
-        np.add.at(sums[:, :p], place, self.dense[axis::2] * weight[:, None])
-        np.add.at(sums, (place, p + self.angle[axis::2]), self.stage[axis::2] * weight)
-        taken = float(((sums @ inverse) * sums).sum())
-        return max(1.0 - taken / place.size, 1.0 / place.size)
+    def whitened(self, factor: Float64Array) -> tuple[tuple[Float64Array, Float64Array], Float64Array]:
+        """Derivatives by the dense parameters of u and of v, (k, p) each, and by the stage angle, (k, 2), scaled."""
+        dense = self.dense * factor[:, None]
+        return (dense[::2], dense[1::2]), (self.stage * factor).reshape(-1, 2)
 
     def _by_angle(self, values: Float64Array) -> Float64Array:
         return np.bincount(self.angle, weights=values, minlength=self.angles).astype(np.float64)
@@ -253,23 +192,6 @@ def _scale(residual: Float64Array) -> float:
     """
     half, most = np.quantile(np.abs(residual), (0.5, 0.9))
     return float(max(half / HALF_NORMAL_50, most / HALF_NORMAL_90))
-
-
-def _places(field: CircleField, used: BoolArray) -> Int64Array:
-    """Places of each used centre in the image, (k, 2) from 0: row of the targets by `PLACE_PX` columns."""
-    height_um = np.rint(1e6 * field.up_m[used]).astype(np.int64)
-    u_px = field.pixels()[used, 0]
-    places = []
-    for width_px in PLACE_PX:
-        column = np.floor(u_px / width_px).astype(np.int64)
-        places.append(np.unique(height_um * (1 + int(column.max())) + column, return_inverse=True)[1])
-    return np.stack(places, axis=1).astype(np.int64)
-
-
-def _cluster_factor(residuals: Float64Array, place: Int64Array) -> float:
-    """Variance of the places' sums of residuals, in what it would be with independent residuals of variance 1."""
-    sums = np.bincount(place, weights=residuals)
-    return float(sums @ sums) / len(residuals)
 
 
 def _priors(

@@ -64,11 +64,6 @@ class CircleField:
     up_m: Float64Array
 
     @cached_property
-    def identity(self) -> Int64Array:
-        """(m,) number of each sighting that is the same in every sweep: circle and stage angle to 0.001°."""
-        return self.circle * 1_000_000 + np.rint(self.stage_angle_deg * 1000.0).astype(np.int64)
-
-    @cached_property
     def names(self) -> tuple[str, ...]:
         """Parameters besides the stage angles: intrinsics, mount, target positions."""
         targets = tuple(f"{board}.{axis}" for board in self.boards for axis in TARGET_POSITION)

@@ -7,8 +7,8 @@ the found camera is not the assumed one, the twin is rendered again with the fou
 against that.
 
 Changes against the reference: mount and targets are the same ones then and now, so their part cancels, and so does
-what a circle's residuals had already then; what remains is the scatter of the residuals' own change, and the stage
-angle's part of both. Propagation is linear.
+what a place on the sensor contributed already then, to the extent that it contributes the same now; what remains is
+how far apart the places' influences then and now are, and the stage angle's part of both. Propagation is linear.
 """
 
 from __future__ import annotations
@@ -65,9 +65,9 @@ class Calibration:
     def contributions(self, k: int, factor: float = 1.0) -> tuple[Contribution, ...]:
         """What parameter k's uncertainty is made of, times a factor."""
         found = self.adjustment
-        repeat = factor * math.sqrt(found.repeatability[k, k])
+        variance, dof = found.centres.variance(k)
         return (
-            Contribution("repeatability", repeat, Kind.A, found.dof),
+            Contribution("repeatability", factor * math.sqrt(variance), Kind.A, dof),
             *(
                 Contribution(name, factor * math.sqrt(max(part[k, k], 0.0)), Kind.B)
                 for name, part in found.by_group.items()
@@ -197,9 +197,8 @@ def remember(step: StepData) -> Mapping[str, npt.NDArray[Any]]:
         "intrinsics.values": found.values,
         "intrinsics.assumed_names": np.array(list(found.assumed), dtype=np.str_),
         "intrinsics.assumed": np.array(list(found.assumed.values()), dtype=np.float64),
-        "intrinsics.repeatability": found.adjustment.repeatability,
-        "intrinsics.identity": found.adjustment.identity,
-        "intrinsics.residual_px": (found.adjustment.residuals * found.adjustment.sigma_px).astype(np.float32),
+        "intrinsics.place": found.adjustment.centres.place,
+        "intrinsics.influence": found.adjustment.centres.influence,
         "intrinsics.stage": found.adjustment.by_group[STAGE],
     }
 
@@ -218,31 +217,17 @@ def _change(step: StepData, found: Calibration, k: int, name: str) -> Quantity:
         raise NotMeasurableError(f"the reference ({reference.identity}) holds no '{name}'")
     j = names.index(name)
     then = float(reference.array("intrinsics.values")[j])
-    repeat = step.derive(_covariance_of_change)[k, k]
+    influence = reference.array("intrinsics.influence")[:, j]
+    now = found.adjustment
+    repeat, dof = now.centres.variance_of_change(k, reference.array("intrinsics.place"), influence)
     stage = float(reference.array("intrinsics.stage")[j, j])
     factor, unit = (100.0 / then, "%") if name in FOCAL else (1.0, _kind(name)[1])
-    now = found.adjustment
     return Quantity.of(
         factor * (float(found.values[k]) - then),
         unit,
-        Contribution("repeatability", factor * math.sqrt(repeat), Kind.A, now.dof),
+        Contribution("repeatability", factor * math.sqrt(repeat), Kind.A, dof),
         Contribution(STAGE, factor * math.sqrt(max(now.by_group[STAGE][k, k], 0.0) + max(stage, 0.0)), Kind.B),
     )
-
-
-def _covariance_of_change(step: StepData) -> Float64Array:
-    """Covariance of the parameters' change from the circle centres, now and then."""
-    now, reference = step.derive(calibrate).adjustment, step.need_reference()
-    _, here, there = np.intersect1d(
-        now.identity, reference.array("intrinsics.identity"), assume_unique=True, return_indices=True
-    )
-    if here.size < LEAST_SHARE * now.circles:
-        # other angles than then: nothing cancels
-        independent: Float64Array = now.repeatability + reference.array("intrinsics.repeatability")
-        return independent
-    then_px = reference.array("intrinsics.residual_px")[there].astype(np.float64)
-    change = now.residuals[here] - then_px / now.sigma_px[here]
-    return now.scaled(change, here)
 
 
 METRIC = Metric(
