@@ -150,7 +150,7 @@ def _temperatures(cycle: Cycle, pictures: dict[str, bytes]) -> Section:
     picture = Picture(
         name="temperatures.svg",
         caption="Mean of each sensor over each step's sweep, at its end; bars: set temperature from the step's begin "
-        "to its end.",
+        "to its end. Below: sensors that follow the set temperature, less that.",
         alt="Temperatures of the bench's sensors over the cycle, with the set temperatures",
         share=0.6,
     )

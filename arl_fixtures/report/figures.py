@@ -20,40 +20,54 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PERCENTILES: Final = (1.0, 99.0)
+LEAST_FOLLOWED_K: Final = 5.0
+"""A sensor never further than this from the set temperature follows it; so does one within a quarter of the cycle."""
 
 
 def temperatures(cycle: Cycle) -> bytes:
-    """Mean temperature of each sensor in each step, over the bench's time, with the set temperatures."""
+    """Mean temperature of each sensor in each step over the bench's time, and what it is off the set temperature."""
 
     def draw(figure: Figure) -> None:
-        axes = figure.subplots()
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.2))
         start = cycle.begin_utc_ns
         attempts = [attempt for attempt in cycle.attempts if attempt.end_utc_ns]
         for attempt in attempts:
             span = [(ns - start) / 3.6e12 for ns in (attempt.begin_utc_ns, attempt.end_utc_ns)]
-            axes.plot(span, [attempt.begin.set_temperature_c] * 2, color="black", linewidth=2.5, alpha=0.35)
-        axes.plot([], [], color="black", linewidth=2.5, alpha=0.35, label="set")
+            above.plot(span, [attempt.begin.set_temperature_c] * 2, color="black", linewidth=2.5, alpha=0.35)
+        above.plot([], [], color="black", linewidth=2.5, alpha=0.35, label="set")
+        sets_c = [attempt.begin.set_temperature_c for attempt in attempts]
+        near_k = max(LEAST_FOLLOWED_K, (max(sets_c) - min(sets_c)) / 4.0) if sets_c else 0.0
         sensors = sorted({name for attempt in attempts if attempt.end for name in attempt.end.temperatures_c})
         for number, name in enumerate(sensors):
             points = [
-                ((attempt.end_utc_ns - start) / 3.6e12, attempt.end.temperatures_c[name])
+                (
+                    (attempt.end_utc_ns - start) / 3.6e12,
+                    attempt.end.temperatures_c[name],
+                    attempt.begin.set_temperature_c,
+                )
                 for attempt in attempts
                 if attempt.end is not None and name in attempt.end.temperatures_c
             ]
-            axes.plot(
-                [hours for hours, _ in points],
-                [degrees for _, degrees in points],
-                color=SHADES[number % len(SHADES)],
-                marker=MARKERS[number % len(MARKERS)],
-                markersize=2.8,
-                linewidth=0.8,
-                label=label(name),
-            )
-        axes.set_xlabel("bench time since the cycle's begin / h")
-        axes.set_ylabel("temperature / °C")
+            hours, degrees, wanted = (np.array(column) for column in zip(*points, strict=True))
+            off_k = degrees - wanted
+            for axes, values in ((above, degrees), (below, off_k)):
+                if axes is below and not np.nanmax(np.abs(off_k), initial=0.0) < near_k:
+                    continue
+                axes.plot(
+                    hours,
+                    values,
+                    color=SHADES[number % len(SHADES)],
+                    marker=MARKERS[number % len(MARKERS)],
+                    markersize=2.8,
+                    linewidth=0.8,
+                    label=label(name) if axes is above else None,
+                )
+        above.set_ylabel("temperature / °C")
+        below.set_ylabel("less set / K")
+        below.set_xlabel("bench time since the cycle's begin / h")
         figure.legend(loc="outside lower center", ncols=4)
 
-    return drawn(draw, 3.4)
+    return drawn(draw, 4.6)
 
 
 def map_sheet(maps: Sequence[ImageMap], scales: Sequence[tuple[float, float]]) -> bytes:

@@ -14,7 +14,7 @@ from arl_fixtures.report.drawing import MARKERS, SHADES, drawn, label
 from arl_fixtures.report.figures import half_width, limit_lines
 from arl_fixtures.report.lifetime import Equivalent, LifetimeModel, Stress, fatigue, rate
 from arl_fixtures.report.series import FALSE_DISCOVERIES, Series, series_over
-from arl_fixtures.report.text import limit_text, metric_text, shown, unit_text
+from arl_fixtures.report.text import limit_text, metric_text, shown, unbroken, unit_text
 from arl_fixtures.report.trend import FEWEST_CYCLES, HORIZON, Law
 
 if TYPE_CHECKING:
@@ -197,9 +197,10 @@ def lifetime(cycles: Sequence[Cycle], model: LifetimeModel | None) -> Section:
     hours = sum(hours for hours, _ in stress.dwell)
     count = len(stress.swings_k)
     least, most = (f"{pick(stress.swings_k, default=0.0):.0f}" for pick in (min, max))
-    swings = "no swing" if not count else f"{least} K" if least == most else f"{least} to {most} K"
+    each = f"a swing of {least} K" if least == most else f"swings of {least} to {most} K"
+    swings = each if count else "no swing"
     intro = (
-        f"{count} {'cycle' if count == 1 else 'cycles'} of {swings} and {hours:.1f} h at temperature "
+        f"{count} {'cycle' if count == 1 else 'cycles'} with {swings} and {hours:.1f} h at temperature "
         f"(housing of the first DUT), against use '{shown(model.name)}' version {model.version}: swings of "
         f"{_range(use.swing_k)} K, "
         f"{_range(use.swings_per_year)} a year, {_range(use.temperature_c)} °C for {_range(use.hours_per_year)} h a "
@@ -208,7 +209,7 @@ def lifetime(cycles: Sequence[Cycle], model: LifetimeModel | None) -> Section:
     )
     rows = [
         (
-            Cell(f"Coffin-Manson, q = {_range(each.exponent)}"),
+            Cell("Coffin-Manson, " + unbroken(f"q = {_range(each.exponent)}")),
             Cell(shown(each.name)),
             *_worth(fatigue(stress, each, use), "swings"),
             Cell(shown(each.source)),
@@ -217,7 +218,7 @@ def lifetime(cycles: Sequence[Cycle], model: LifetimeModel | None) -> Section:
     ]
     rows += [
         (
-            Cell(f"Arrhenius, Ea = {_range(each.activation_energy_ev)} eV"),
+            Cell("Arrhenius, " + unbroken(f"Ea = {_range(each.activation_energy_ev)} eV")),
             Cell(shown(each.name)),
             *_worth(rate(stress, each, use), "h"),
             Cell(shown(each.source)),
@@ -239,6 +240,6 @@ def _range(ends: tuple[float, float]) -> str:
 def _worth(found: Equivalent, what: str) -> tuple[Cell, Cell]:
     low, high = found.amount
     return (
-        Cell(f"{low:.3g} … {high:.3g} {what}"),
-        Cell(f"{found.years[0]:.2g} … {found.years[1]:.2g}"),
+        Cell(unbroken(f"{low:.3g} … {high:.3g} {what}")),
+        Cell(unbroken(f"{found.years[0]:.2g} … {found.years[1]:.2g}")),
     )

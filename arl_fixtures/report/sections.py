@@ -20,8 +20,8 @@ from arl_fixtures.report.text import (
     duration_text,
     limit_text,
     metric_text,
+    range_text,
     shown,
-    unit_text,
     utc_date,
     utc_text,
     value_text,
@@ -227,14 +227,9 @@ def _row(row: ResultRow) -> tuple[Cell, ...]:
         Cell(limit_text(row.limit) + (" (minor)" if row.limit.severity == "minor" else "")),
         Cell(value_text(measured, row.limit.unit) if has_value else shown(telling.reason) or NOTHING),
         Cell(place),
-        Cell(_span_text(span, unit_text(row.limit.unit)) if span else NOTHING),
+        Cell(range_text(*span, row.limit.unit) if span else NOTHING),
         Cell(verdict_cell(row.verdict.value).text if len(counts) == 1 else several, verdict_cell(row.verdict).tone),
     )
-
-
-def _span_text(span: tuple[float, float], unit: str) -> str:
-    low, high = (f"{value:.3g}" for value in span)
-    return (low if low == high else f"{low} … {high}") + (f" {unit}" if unit else "")
 
 
 def shortfalls(cycle: Cycle) -> Section:

@@ -71,7 +71,28 @@ def with_unit(number: str, unit: str) -> str:
     """Number and unit, brackets where a ± would leave the unit to one of the two."""
     if unit in {"", "1"}:
         return number
-    return f"({number}) {unit_text(unit)}" if "±" in number else f"{number} {unit_text(unit)}"
+    text = unit_text(unit)
+    # the degree of an angle is the one unit that follows without a space (ISO 80000-1, 7.1.4)
+    behind = text if text == "°" else f" {text}"
+    return f"({number}){behind}" if "±" in number else f"{number}{behind}"
+
+
+def range_text(low: float, high: float, unit: str) -> str:
+    """Two ends with as many decimals as the larger one has in three digits; one number where they are alike then."""
+    largest = max(abs(low), abs(high))
+    digits = 2 - math.floor(math.log10(largest)) if largest > 0.0 and math.isfinite(largest) else 0
+    if digits > 9 or digits < -4:
+        ends = [f"{end:.3g}" for end in (low, high)]
+    else:
+        # an end that rounds to nothing has no sign
+        decimals = 0 if low.is_integer() and high.is_integer() else max(digits, 0)
+        ends = [f"{round(end, decimals) + 0.0:.{decimals}f}" for end in (low, high)]
+    return with_unit(ends[0] if ends[0] == ends[1] else " … ".join(ends), unit)
+
+
+def unbroken(text: str) -> str:
+    """A text that stays on one line."""
+    return text.replace(" ", "\u00a0")
 
 
 def unit_text(unit: str) -> str:

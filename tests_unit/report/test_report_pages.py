@@ -13,7 +13,7 @@ from report_samples import HOSTILE, drifting, one_step, report_of
 from arl_fixtures.report.html import html_page
 from arl_fixtures.report.lifetime import load_lifetime
 from arl_fixtures.report.pdf import pdf_bytes
-from arl_fixtures.report.text import shown
+from arl_fixtures.report.text import range_text, shown
 from arl_fixtures.report.write import write_report
 
 
@@ -114,5 +114,22 @@ def test_lifetime_is_shown_as_ranges(tmp_path):
     from test_lifetime import FILE
 
     page = Page(html_page(report_of(drifting(tmp_path, [0.0, 0.1]), load_lifetime(FILE))))
-    assert re.search(r"\d … [\d.e+]+ swings", page.text)
-    assert re.search(r"\d … [\d.e+]+ h\b", page.text)
+    assert re.search(r"\d\xa0…\xa0[\d.e+]+\xa0swings", page.text)
+    assert re.search(r"\d\xa0…\xa0[\d.e+]+\xa0h", page.text)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "unit", "expected"),
+    [
+        (-9.38e-06, 0.00355, "%", "0.00000 … 0.00355 %"),
+        (-0.351, 0.686, "%", "-0.351 … 0.686 %"),
+        (2.0, 2.0, "1", "2"),
+        (0.0, 12.0, "1", "0 … 12"),
+        (89.998, 90.004, "A", "90.0 A"),
+        (-0.00588, 0.00482, "deg", "-0.00588 … 0.00482°"),
+        (4.07, 98.8, "degC", "4.1 … 98.8 °C"),
+        (0.0, 3e-15, "1", "0 … 3e-15"),
+    ],
+)
+def test_ends_of_a_range_have_the_same_decimals(low, high, unit, expected):
+    assert range_text(low, high, unit) == expected
