@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import stats
@@ -15,11 +15,13 @@ from arl_fixtures.metrics.validation import area_metric, double_validation, wass
 SAMPLES = st.integers(1, 40).flatmap(lambda n: arrays(float, n, elements=st.floats(-1e3, 1e3)))
 
 
+@settings(deadline=None)
 @given(SAMPLES, SAMPLES)
 def test_area_is_the_area_between_the_distribution_functions(x, y):
     assert area_metric(x, y) == pytest.approx(stats.wasserstein_distance(x, y), rel=1e-9, abs=1e-9)
 
 
+@settings(deadline=None)
 @given(SAMPLES, SAMPLES, st.floats(-100, 100))
 def test_a_shift_of_both_changes_nothing_and_a_shift_of_one_only_the_bias(x, y, shift):
     found, moved = double_validation(x, y), double_validation(x + shift, y)
@@ -28,6 +30,7 @@ def test_a_shift_of_both_changes_nothing_and_a_shift_of_one_only_the_bias(x, y, 
     assert moved.corrected_area == pytest.approx(found.corrected_area, abs=1e-6)
 
 
+@settings(deadline=None)
 @given(SAMPLES, SAMPLES)
 def test_order_two_splits_into_bias_and_the_rest(x, y):
     found = double_validation(x, y)

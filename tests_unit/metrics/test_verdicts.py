@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from arl_fixtures.errors import UnitError
@@ -34,6 +34,7 @@ def measured(value: float = 0.5, u: float = 0.0, unit: str = "m", **more: object
     return Measurement(**{"metric": "length", "dut": "A", "quantity": Quantity(value, unit, u), **more})  # type: ignore[arg-type]  # built from parts
 
 
+@settings(deadline=None)
 @given(VERDICTS, VERDICTS, VERDICTS)
 def test_worst_of_is_a_semilattice_with_pass_as_its_least(a, b, c):
     assert (a | b) is (b | a)
@@ -43,6 +44,7 @@ def test_worst_of_is_a_semilattice_with_pass_as_its_least(a, b, c):
     assert (a | Verdict.FAIL) is Verdict.FAIL
 
 
+@settings(deadline=None)
 @given(st.lists(VERDICTS, min_size=1), st.randoms())
 def test_worst_does_not_depend_on_order_or_grouping(verdicts, random):
     shuffled = random.sample(verdicts, len(verdicts))
@@ -56,6 +58,7 @@ def test_nothing_shown_is_not_a_pass():
     assert worst([]) is Verdict.NOT_RUN
 
 
+@settings(deadline=None)
 @given(st.floats(-5, 5), st.just(0.0) | st.floats(1e-9, 2), st.floats(2, 100))
 def test_guarding_never_turns_a_doubt_into_a_certainty(value, u, dof):
     quantity = Quantity(value, "m", u, dof)

@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from arl_fixtures.errors import ConfigError
@@ -43,6 +43,7 @@ def test_arrhenius_gives_the_published_laser_lifetimes():
     assert acceleration(45.0, 25.0, 0.49) == pytest.approx(50 / 15, rel=0.02)
 
 
+@settings(deadline=None)
 @given(
     swings=st.lists(st.floats(1, 150), min_size=1, max_size=5),
     dwell=st.lists(st.tuples(st.floats(0.01, 10), st.floats(-40, 125)), min_size=1, max_size=5),

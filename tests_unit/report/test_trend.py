@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import curve_fit
 from scipy.stats import linregress, t
@@ -111,6 +111,7 @@ def test_a_limit_already_passed_is_reached_now():
     assert crossing(fit, -0.5, 11.0).expected == 11.0
 
 
+@settings(deadline=None)
 @given(
     slope=st.floats(-5, 5).filter(lambda b: abs(b) > 0.01),
     room=st.floats(1.0, 100.0),
