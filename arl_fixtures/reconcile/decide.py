@@ -36,7 +36,7 @@ from arl_fixtures.reconcile.patterns import (
 from arl_fixtures.reconcile.pilot import Structure
 from arl_fixtures.reconcile.problem import FOLDS, ChannelData, Problem
 from arl_fixtures.reconcile.roles import Role
-from arl_fixtures.reconcile.search import Found, Search, constant_z
+from arl_fixtures.reconcile.search import LEVEL_NAME, Found, Search, constant_z
 from arl_fixtures.reconcile.terms import Term, forward
 
 STRUCTURE_Z, STRUCTURE_GAIN, LEAST_Z = 3.7, 12.0, 2.0
@@ -223,6 +223,8 @@ class Decision:
         kept = tuple(t for t in self.best.terms if not self._mostly_in(t, bad))
         if len(kept) != len(self.best.terms):
             self.best = finish(self.problem, fit(self.problem, kept, rounds=4))
+            if self.found.screening is not None:  # a name may only have mended one that does not stand
+                self.best = self.search.prune(self.best, self.found.screening.threshold(LEVEL_NAME))
             self.patterns = []  # found beside what does not stand
             self._look()
             self._add_patterns()

@@ -33,6 +33,8 @@ from arl_fixtures.reconcile.roles import Role
 MOST_LEADING = 7
 SHARED_PRICE, PRICE_PAIR_WAVE = 3.0, 7.0
 _CELLS = 100_000
+FAR_APART = 0.9
+"""Share of the gaps between a column's levels of which half a wave must be longer."""
 ALIKE = 0.98
 """Correlation from which two columns are one for the search of pairs."""
 
@@ -142,16 +144,18 @@ def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, l
             for one, other in ((first, second), (second, first)):
                 values = work.features[other]
                 category = not other.startswith(("~", "sim_")) and view.is_category(other)
-                line = next((m.basis.axes[0] for m in simple.get(one, []) if m.basis.axes[0].kind == "linear"), None)
+                plain = {m.basis.axes[0].kind: m.basis.axes[0] for m in simple.get(one, [])}
+                line = plain.get("linear")
+                shapes = [plain[kind] for kind in ("linear", "log", "inverse") if kind in plain]
                 marks = [m.basis.axes[0] for m in simple.get(one, []) if m.basis.axes[0].kind == "is"]
                 numbered = other in looker.problem.groups.unit_columns
                 curve = None if category or numbered else curve_axis(other, values, KNOTS)
-                for factor in [*([line] if line else []), *marks[:6]]:
+                for factor in [*shapes, *marks[:6]]:
                     for table in tables_of(other, values, category=category):
                         if not recurs(work, table, factor):
                             continue
                         yield Basis(axes=(table, factor), prior=np.eye(table.count), price=price + 1.0)
-                    if curve:
+                    if curve and (factor is line or factor.kind == "is"):
                         yield from (
                             Basis(axes=(b.axes[0], factor), prior=b.prior, price=price + 1.0)
                             for b in curves_of(curve, 0.0)
@@ -184,12 +188,20 @@ def _best_wave(work: Work, name: str) -> float | None:
     if len(levels) < 8 or not good.any():
         return None
     span = float(levels[-1] - levels[0])
-    most = min(len(levels) / 3.0, 24.0)
+    most = min(len(levels) / 3.0, 24.0, _most_turns(levels))
     frequencies: FloatArray = np.arange(0.5, most, 0.125, dtype=np.float64) / span
     direction = (work.scale * work.data.root_weight[work.pick])[good]
     score: FloatArray = np.bincount(code, direction * work.residual[good]).astype(np.float64)
     weight: FloatArray = np.bincount(code, direction**2).astype(np.float64)
     return float(frequencies[_strongest(levels, score, weight, frequencies)])
+
+
+def _most_turns(levels: FloatArray) -> float:
+    """Turns over a column up to which its levels lie close enough together; whole numbers are all there are."""
+    if bool(np.all(levels == np.round(levels))):
+        return np.inf
+    gap = float(np.quantile(np.diff(levels), FAR_APART))
+    return 0.5 * float(levels[-1] - levels[0]) / gap
 
 
 def _strongest(levels: FloatArray, score: FloatArray, weight: FloatArray, frequencies: FloatArray) -> int:
@@ -230,8 +242,8 @@ def _best_pair_wave(work: Work, first: str, second: str) -> tuple[float, float] 
     flat = code_a * len(b) + code_b
     score = np.bincount(flat, direction * work.residual[good], minlength=len(a) * len(b)).reshape(len(a), len(b))
     span_a, span_b = float(a[-1] - a[0]), float(b[-1] - b[0])
-    turns_a = np.arange(0.0, min(len(a) / 3.0, 8.0), 0.125) / span_a
-    high = min(len(b) / 2.0, 16.0)
+    turns_a = np.arange(0.0, min(len(a) / 3.0, 8.0, _most_turns(a)), 0.125) / span_a
+    high = min(len(b) / 2.0, 16.0, _most_turns(b))
     turns_b = np.arange(-high, high, 0.125) / span_b
     power = np.abs(np.exp(2j * np.pi * np.outer(turns_a, a)) @ score @ np.exp(2j * np.pi * np.outer(b, turns_b))) ** 2
     power[turns_a * span_a < 0.3, :] = 0.0

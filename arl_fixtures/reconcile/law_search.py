@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from arl_fixtures.reconcile.boosting import Binned, Boosted, bin_columns
-from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm, axes_of
 from arl_fixtures.reconcile.law_basis import UNLIKELY, Basis, is_proxy
@@ -37,6 +37,11 @@ CLOSE, CLOSE_SHARE = 2.0, 0.03
 """Of candidates that differ by less (log-likelihood, or share of the best) the simplest is taken."""
 LEAST_GAIN, FURTHER_GAIN, FURTHER_SHARE = 1.0, 4.0, 0.01
 """Log-likelihood that the first term and further ones must gain on unseen blocks, and its share of what is gained."""
+FURTHER_EVIDENCE = 3.0
+"""What a further term must earn beyond its price: of hundreds beside a good first one some earn a little."""
+
+BETWEEN_SHARE = 0.25
+"""Share of what a wave gains on unseen blocks that it must gain on levels of its columns that it has not seen."""
 
 LAW_EVIDENCE, LAW_GAIN, LAW_Z = 6.0, 9.0, 3.0
 """Where nothing else tells of a mismatch, a law's first term must earn this beyond its price, and the law must gain
@@ -86,24 +91,48 @@ def find_terms(work: Work, pool: Sequence[Candidate]) -> Chosen:
                 continue
             gain, width = evidence(item.gram, item.vectors @ chosen.left, item.basis.prior)
             item.gain, item.width = gain - item.basis.price, width
-            if item.gain > 0:
+            if item.gain > (FURTHER_EVIDENCE if chosen.terms else 0.0):
                 offers.append((item.gain, k))
         if not offers:
             break
         best = max(offers)[0]
         near = [k for gain, k in offers if gain > best - max(CLOSE, CLOSE_SHARE * best)]
-        accepted = None
+        accepted, between = None, False
         for k in sorted(near, key=lambda k: (_complexity(pool[k].basis), -pool[k].gain))[:4]:
             tried.add(k)
             trial = joint(work, [*chosen.terms, pool[k]])
             further = max(FURTHER_GAIN, FURTHER_SHARE * chosen.held) if chosen.terms else LEAST_GAIN
             if trial.held > chosen.held + further:
-                accepted = trial
-                break
+                if _holds_between(work, chosen, trial):
+                    accepted = trial
+                    break
+                between = True
         if accepted is None:
+            if between:
+                continue  # a wave that only joins the levels that were measured gives way to the next best
             break
         chosen = accepted
     return chosen
+
+
+def _holds_between(work: Work, chosen: Chosen, trial: Chosen) -> bool:
+    """Whether a wave also tells levels of its columns that took no part in the fit: between levels it may be any."""
+    newest = trial.terms[-1].basis
+    for column in newest.columns if newest.waves else ():
+        fold = work.levels_of(column)
+        if fold is None:
+            continue
+        before = _told(work, chosen.terms, fold) if chosen.terms else 0.0
+        if _told(work, trial.terms, fold) - before < BETWEEN_SHARE * (trial.held - chosen.held):
+            return False
+    return True
+
+
+def _told(work: Work, terms: list[Candidate], fold: IntArray) -> float:
+    """Log-likelihood that terms gain where every fold is predicted by the others."""
+    vectors, precision = _stacked(terms)
+    predicted = _cross_predicted(work, vectors, precision, fold)
+    return 0.5 * float(np.sum(work.residual**2 - (work.residual - predicted) ** 2))
 
 
 def _complexity(basis: Basis) -> int:
@@ -120,28 +149,11 @@ def joint(work: Work, terms: list[Candidate]) -> Chosen:
     """Fit terms together with their widths, and let every fold be predicted by the others."""
     if not terms:
         return Chosen(left=work.residual)
-    vectors = np.concatenate([t.vectors for t in terms])
-    size = len(vectors)
-    precision = np.zeros((size, size))
-    start = 0
-    for t in terms:
-        k = len(t.vectors)
-        if t.basis.prior is not None and t.width > 0:
-            precision[start : start + k, start : start + k] = np.linalg.inv(t.basis.prior + 1e-9 * np.eye(k)) / (
-                t.width**2
-            )
-        start += k
+    vectors, precision = _stacked(terms)
     gram, score = vectors @ vectors.T, vectors @ work.residual
-    ridge = 1e-9 * max(float(np.trace(gram)) / size, 1e-6) * np.eye(size)
-    inverse = np.linalg.inv(gram + precision + ridge)
+    inverse = np.linalg.inv(gram + precision + _ridge(gram))
     values = inverse @ score
-    predicted = np.zeros(len(work.residual))
-    for k in np.unique(work.fold):
-        test = work.fold == k
-        inside = vectors[:, test]
-        part = gram - inside @ inside.T
-        rest = score - inside @ work.residual[test]
-        predicted[test] = np.linalg.solve(part + precision + ridge, rest) @ inside
+    predicted = _cross_predicted(work, vectors, precision, work.fold)
     gains = np.bincount(work.block, 0.5 * (work.residual**2 - (work.residual - predicted) ** 2))
     spread = float(np.sqrt(np.sum((gains - gains.mean()) ** 2)))
     split = np.cumsum([len(t.vectors) for t in terms])[:-1]
@@ -153,6 +165,39 @@ def joint(work: Work, terms: list[Candidate]) -> Chosen:
         inside=0.5 * float(work.residual @ work.residual - left @ left),
         freedom=float(np.trace(inverse @ gram)) + sum(t.basis.price for t in terms),
     )  # fmt: skip
+
+
+def _stacked(terms: list[Candidate]) -> tuple[FloatArray, FloatArray]:
+    """Vectors of all terms, and the precision that the widths of their priors give them."""
+    vectors = np.concatenate([t.vectors for t in terms])
+    precision = np.zeros((len(vectors), len(vectors)))
+    start = 0
+    for t in terms:
+        k = len(t.vectors)
+        if t.basis.prior is not None and t.width > 0:
+            precision[start : start + k, start : start + k] = np.linalg.inv(t.basis.prior + 1e-9 * np.eye(k)) / (
+                t.width**2
+            )
+        start += k
+    return vectors, precision
+
+
+def _ridge(gram: FloatArray) -> FloatArray:
+    return np.asarray(1e-9 * max(float(np.trace(gram)) / len(gram), 1e-6) * np.eye(len(gram)))
+
+
+def _cross_predicted(work: Work, vectors: FloatArray, precision: FloatArray, fold: IntArray) -> FloatArray:
+    """What the other folds say of each fold's rows, whitened."""
+    gram, score = vectors @ vectors.T, vectors @ work.residual
+    ridge = _ridge(gram)
+    predicted = np.zeros(len(work.residual))
+    for k in np.unique(fold):
+        test = fold == k
+        inside = vectors[:, test]
+        part = gram - inside @ inside.T
+        rest = score - inside @ work.residual[test]
+        predicted[test] = np.linalg.solve(part + precision + ridge, rest) @ inside
+    return predicted
 
 
 def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequence[str]) -> tuple[Law, Chosen]:

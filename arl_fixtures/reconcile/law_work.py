@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.law import Features
 from arl_fixtures.reconcile.law_basis import Basis
@@ -16,6 +16,8 @@ from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.roles import Role
 
 MOST_ROWS = 6_000
+LEAST_LEVELS, MOST_LEVELS, LEVEL_FOLDS = 5, 48, 4
+"""Levels of a column from which, and into at most how many, it is parted; folds of them."""
 LEAST_SEEN = 1e-3
 """Share of a function's power that must be left beside the units' constants."""
 
@@ -78,6 +80,17 @@ class Work:
             if float(np.mean((x - mean[self.step]) ** 2)) > 0.02 * float(np.var(x)):
                 return False
         return True
+
+    def levels_of(self, column: str) -> IntArray | None:
+        """Folds that keep equal (or, of very many, neighbouring) values of a column together; None for few values."""
+        x = np.nan_to_num(self.features[column])
+        levels, code = np.unique(x, return_inverse=True)
+        if len(levels) < LEAST_LEVELS:
+            return None
+        if len(levels) > MOST_LEVELS:
+            code = np.searchsorted(np.quantile(x, np.linspace(0.0, 1.0, MOST_LEVELS + 1)[1:-1]), x, side="right")
+        fold = np.random.default_rng(len(levels)).permutation(int(code.max()) + 1) % LEVEL_FOLDS
+        return np.asarray(fold[code], dtype=np.int64)
 
     def candidate(self, basis: Basis) -> Candidate:
         """A basis on these rows."""

@@ -9,15 +9,15 @@ import numpy as np
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.columns import Columns
+from arl_fixtures.reconcile.constants import constants_of
 from arl_fixtures.reconcile.decide import Decision, is_structure
 from arl_fixtures.reconcile.diagnosis import ChannelFit, Diagnosis
 from arl_fixtures.reconcile.effect import Effect
 from arl_fixtures.reconcile.findings import mean_square
-from arl_fixtures.reconcile.model_file import ModelFile, model_of, unit_keys
+from arl_fixtures.reconcile.model_file import ModelFile, model_of
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.search import Found, Progress, Search
 
-CONSTANT_Z = 3.5
 LOOKS = 500.0
 """Places at which structure is looked for in a channel (see `locate`)."""
 
@@ -68,27 +68,6 @@ def _agreeing(name: str, fit: ChannelFit, decision: Decision) -> ChannelFit:
     start = mean_square(d, decision.problem.view.fresh_state(), centred=True)
     explained = 0.5 * len(d.use) * max(start - fit.after, 0.0) / d.spread**2
     return replace(fit, unexplained=rest / max(rest + explained, 1e-9))
-
-
-def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
-    """Gain or offset of each unit that the fit needs beside the findings, where it is significant."""
-    problem = decision.problem
-    state = decision.final_state()
-    result: dict[str, dict[str, float]] = {}
-    code, keys = unit_keys(problem.view, problem.groups.unit_columns)
-    for d in problem.data:
-        if not d.calibrated:
-            continue
-        values = d.constants_of(d.whitener(d.residual(state)))
-        z = np.abs(values) * np.sqrt(d.intercept_weight)
-        found: dict[str, float] = {}
-        for unit in range(d.units):
-            first = d.use[np.flatnonzero(d.unit == unit)[0]]
-            if z[unit] > CONSTANT_Z and np.isfinite(z[unit]):
-                found[keys[code[first]]] = float(values[unit])
-        if found:
-            result[d.channel.name] = found
-    return result
 
 
 def _chance_of(found: Found, decision: Decision) -> float:

@@ -118,7 +118,7 @@ class Search:
             part.rebuild(whole.tau)
         return small
 
-    def _prune(self, best: Fit, threshold: float) -> Fit:
+    def prune(self, best: Fit, threshold: float) -> Fit:
         """Drop, weakest first, every effect that in the final fit no longer gains what a name must gain."""
         while best.terms:
             gains = []
@@ -180,7 +180,7 @@ class Search:
             best = finish(self.full, fit(self.full, best.terms, rounds=4))
             self._weigh(best)  # with the scatters that it leaves, not with those that hid it
         if stages:
-            best = self._prune(best, chance.threshold(LEVEL_NAME) if chance is not None else 0.0)
+            best = self.prune(best, chance.threshold(LEVEL_NAME) if chance is not None else 0.0)
         self.progress("what is left", 0.8)
         found = Found(
             problem=self.full, looker=self.looker, null=null, best=best, stages=stages, before=self.before,

@@ -16,8 +16,8 @@ from arl_fixtures.reconcile.table import load_table
 
 @pytest.fixture
 def problem_of(tmp_path, make_table, save):
-    def make(seed: int, change=None) -> tuple[Looker, ChannelData]:
-        columns: Columns = load_table(save(tmp_path / f"{seed}.parquet", make_table(seed, change)))
+    def make(seed: int, change=None, **shape: int) -> tuple[Looker, ChannelData]:
+        columns: Columns = load_table(save(tmp_path / f"{seed}.parquet", make_table(seed, change, **shape)))
         looker = Looker(Problem(columns))
         data = next(d for d in looker.problem.data if d.channel.name == "distance_m")
         looker.calibrate(data, looker.problem.view.fresh_state())
@@ -79,6 +79,19 @@ def test_a_line_is_said_as_a_line(problem_of):
     first = law.terms[0]
     assert [a.kind for a in first.axes] == ["linear"]
     assert first.value / first.axes[0].width == pytest.approx(1e-4, rel=0.15)
+
+
+def test_a_wave_that_only_joins_the_levels_that_were_measured_is_no_law(problem_of):
+    def uneven(columns, _rng):  # each temperature has its own sign: what lies between two of them nobody knows
+        levels = np.unique(columns["set_temperature_c"])
+        signs = np.resize([-1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0], len(levels))
+        sign = signs[np.searchsorted(levels, columns["set_temperature_c"])]
+        columns["distance_m"] = columns["distance_m"] + 2e-3 * sign * np.where(columns["pixel_v"] < 16, 1.0, -1.0)
+
+    looker, data = problem_of(52, uneven, steps=28)
+    _, chosen, _ = searched(looker, data)
+    assert is_law(chosen)
+    assert [t.basis.waves for t in chosen.terms if t.basis.waves] == []
 
 
 def test_a_pattern_that_every_step_has_anew_has_a_place_but_no_law(problem_of):

@@ -43,6 +43,23 @@ def test_a_threshold_crossing_is_named_range_walk_and_predicted_on_a_new_sensor(
     assert after < 1.5 * noise
 
 
+@pytest.mark.parametrize("seed", [2, 3])
+def test_what_a_faint_effect_shifts_on_average_is_predicted_for_each_unit(tmp_path, make_table, save, walk, seed):
+    def faint(columns, rng):
+        before = columns["distance_m"].copy()
+        walk(columns, rng)
+        columns["distance_m"] = before + 0.2 * (columns["distance_m"] - before)
+
+    reconcile(save(tmp_path / "t.parquet", make_table(seed, faint)), tmp_path / "out")
+    fresh = make_table(79, faint)
+    truth = fresh["distance_m"] - make_table(79)["distance_m"]
+    predict(tmp_path / "out", save(tmp_path / "new.parquet", fresh), tmp_path / "p.parquet")
+    made = column(tmp_path / "p.parquet", "corrected_distance_m") - fresh["sim_distance_m"]
+    for unit in ("S0", "S1"):
+        rows = fresh["dut"] == unit
+        assert abs(np.mean((made - truth)[rows])) < 0.5 * np.mean(truth[rows])
+
+
 def test_what_no_effect_explains_is_unknown_with_its_drivers_and_still_predicts(tmp_path, make_table, save, parity):
     diagnosis = reconcile(save(tmp_path / "t.parquet", make_table(3, parity)), tmp_path / "out")
     first = diagnosis.findings[0]

@@ -1,0 +1,75 @@
+"""Gains and offsets of units beside the findings, as far as the data tell them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.decide import Decision
+from arl_fixtures.reconcile.model_file import unit_keys
+from arl_fixtures.reconcile.noise import Level
+from arl_fixtures.reconcile.problem import ChannelData
+
+CONSTANT_Z = 3.5
+"""Errors by which the constant of a channel without a finding must differ from nothing."""
+
+
+def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
+    """Gain or offset of each unit that the fit needs beside the findings.
+
+    What a finding changes on average is in the measurement, too, unless a calibration took it away: there the
+    constant belongs to the prediction as far as it exceeds its own error. Elsewhere it must be significant.
+    """
+    problem = decision.problem
+    state, untouched = decision.final_state(), problem.view.fresh_state()
+    result: dict[str, dict[str, float]] = {}
+    code, keys = unit_keys(problem.view, problem.groups.unit_columns)
+    for d in problem.data:
+        if not d.calibrated:
+            continue
+        acted = not np.array_equal(state[d.channel.name], untouched[d.channel.name], equal_nan=True)
+        values, errors = (_shrunk if acted else _plain)(d, d.residual(state))
+        found: dict[str, float] = {}
+        for unit in range(d.units):
+            first = d.use[np.flatnonzero(d.unit == unit)[0]]
+            certain = abs(values[unit]) > (0.0 if acted else CONSTANT_Z * errors[unit])
+            if certain and np.isfinite(errors[unit]):
+                found[keys[code[first]]] = float(values[unit])
+        if found:
+            result[d.channel.name] = found
+    return result
+
+
+def _plain(d: ChannelData, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Constants of the units and their errors under the channel's noise."""
+    return d.constants_of(d.whitener(residual)), 1.0 / np.sqrt(d.intercept_weight)
+
+
+def _shrunk(d: ChannelData, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Constants of the units under the noise that is left, each less the share of it that its error may be."""
+    kept = d.tau
+    d.rebuild(d.fit_scatter(residual)[1])
+    values, errors = _plain(d, residual)
+    d.rebuild(kept)
+    step = next((level for level in d.levels if level.name == "step"), None)
+    if step is not None and step.floor > 0.0 and not step.declared:
+        errors = _errors_by_steps(d, residual, step)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(values != 0.0, 1.0 - (errors / values) ** 2, 0.0)
+    return values * np.clip(np.nan_to_num(share), 0.0, 1.0), errors
+
+
+def _errors_by_steps(d: ChannelData, residual: FloatArray, step: Level) -> FloatArray:
+    """Errors of the units' constants from how steps differ, where these are too few to tell their scatter."""
+    weight = d.root_weight**2
+    errors = np.zeros(d.units)
+    for unit in range(d.units):
+        rows = d.unit == unit
+        power = np.bincount(step.code[rows], (weight * d.scale**2)[rows], minlength=step.count)
+        sums = np.bincount(step.code[rows], (weight * d.scale * residual)[rows], minlength=step.count)
+        there = power > 0.0
+        means = sums[there] / power[there]
+        white = 1.0 / np.sqrt(float(np.sum(power)))
+        scatter = float(np.std(means, ddof=1)) / np.sqrt(len(means)) if len(means) > 1 else 0.0
+        errors[unit] = max(white, scatter)
+    return errors
