@@ -161,7 +161,9 @@ def write_files(folder: Path, *, bench: str = BENCH) -> Options:
 
 def files_for(options: Options, out: Path, known: dict[str, SessionFiles]) -> SessionFiles:
     """The files as read once, for another output folder."""
-    files = known.setdefault(options.bench, check_files(options))
+    if options.bench not in known:
+        known[options.bench] = check_files(options)
+    files = known[options.bench]
     return dataclasses.replace(files, options=dataclasses.replace(options, out=out))
 
 

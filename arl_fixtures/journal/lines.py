@@ -91,7 +91,7 @@ def read_lines(path: Path) -> Contents:
 
 
 def _decode(raw: bytes, seq: int, prev: str) -> Line:
-    values = json.loads(raw, parse_constant=_refuse)
+    values = _JSON.decode(raw.decode())
     if not isinstance(values, dict):
         raise ValueError("line is no object")
     try:
@@ -113,3 +113,6 @@ def _decode(raw: bytes, seq: int, prev: str) -> Line:
 
 def _refuse(constant: str) -> NoReturn:
     raise ValueError(f"{constant} is no JSON")
+
+
+_JSON: Final = json.JSONDecoder(parse_constant=_refuse)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import io
 import os
 import textwrap
 from collections.abc import Mapping
@@ -18,10 +17,10 @@ from types import TracebackType
 from typing import Any, Final, Literal, Self, final
 
 from mcap.records import Schema
-from ruamel.yaml import YAML
 
 import arl_fixtures
 from arl_fixtures.errors import DataError, StorageError
+from arl_fixtures.recording.block_yaml import block_yaml
 from arl_fixtures.recording.mcap_file import McapFile, fsync
 from arl_fixtures.recording.messages import typestore
 
@@ -130,7 +129,7 @@ class BagFolder:
         self._open = False
         try:
             self.file.flush()
-            information = _yaml(self._information())
+            information = block_yaml(self._information())
             self.file.metadata("rosbag2", {"serialized_metadata": information.strip()})
         except StorageError:
             self.file.abort()
@@ -246,17 +245,7 @@ def _qos(durability: Durability) -> dict[str, Any]:
 
 @functools.cache
 def _qos_text(durability: Durability) -> str:
-    return _yaml([_qos(durability)]).strip()
-
-
-def _yaml(tree: object) -> str:
-    yaml = YAML(typ="safe", pure=True)
-    yaml.default_flow_style = False
-    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # ruamel annotates None
-    yaml.representer.ignore_aliases = lambda *_: True
-    stream = io.StringIO()
-    yaml.dump(tree, stream)
-    return stream.getvalue()
+    return block_yaml([_qos(durability)]).strip()
 
 
 def _write_durably(path: Path, data: bytes) -> None:
