@@ -107,21 +107,21 @@ def write(path: Path, columns: Columns) -> Path:
     return path
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_table() -> Callable[..., Columns]:
     return bench_table
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def walk() -> Change:
     return threshold_walk
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def parity() -> Change:
     return read_out_parity
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def save() -> Callable[[Path, Columns], Path]:
     return write
