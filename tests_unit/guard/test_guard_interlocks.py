@@ -160,9 +160,14 @@ def test_a_set_of_frames_longer_than_any_patience_is_neither_a_dead_test_nor_a_m
 
 def test_a_welded_relay_is_told_by_the_dut_that_goes_on_sending(make_stand, run_test):
     stand = make_stand("guard: {poll_s: 1.0}")
-    pid = run_test(stand, go_on)
-    booted_s = stand.inspect()["state"]["now_s"] + 15.0
-    until(lambda: stand.inspect()["state"]["now_s"] > booted_s, "the DUTs send")
+
+    def boot_and_go_on(guard, bench):
+        bench.soak(15.0)
+        (stand.runtime / "booted").touch()
+        go_on(guard, bench)
+
+    pid = run_test(stand, boot_and_go_on)
+    until((stand.runtime / "booted").exists, "the DUTs send")
     stand.inject("relays:relay_welded#1")
     os.kill(pid, signal.SIGKILL)
     reap(pid)

@@ -21,13 +21,15 @@ def death_of_test(found):
 def test_a_test_killed_at_once(stand, run_test, number):
     pid = run_test(stand, go_on)
     guard = stand.guard_pid()
-    assert not is_safe(stand.inspect()["state"])
+    before = stand.inspect()["state"]
+    assert not is_safe(before)
     os.kill(pid, number)
     assert reap(pid) == -number
     status = stand.wait_for_state("idle")
     assert f"the test (process {pid}) died" in status["cause"]
     found = stand.inspect()
-    assert_safe_within(found, death_of_test(found))
+    # on a busy machine the guard may hear of it and act before the lab does
+    assert_safe_within(found, death_of_test(found), not_before_s=before["now_s"])
     # the guard is still there for the next test, which is told what happened
     assert stand.guard_pid() == guard
     assert f"process {pid}) died" in status["stop"]
