@@ -35,25 +35,29 @@ from arl_fixtures.reconcile.patterns import (
 )
 from arl_fixtures.reconcile.pilot import Structure
 from arl_fixtures.reconcile.problem import FOLDS, ChannelData, Problem
+from arl_fixtures.reconcile.rivals import (
+    BEATEN_BY,
+    BEATEN_SHARE,
+    LEAST_Z,
+    has_other_place,
+    is_outdone,
+    plain_gain,
+    share_beside,
+)
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.search import LEVEL_NAME, Found, Search, constant_z
 from arl_fixtures.reconcile.terms import Term, forward
 
-STRUCTURE_Z, STRUCTURE_GAIN, LEAST_Z = 3.7, 12.0, 2.0
+STRUCTURE_Z, STRUCTURE_GAIN = 3.7, 12.0
 """A physics-free model must gain this much on unseen blocks before there is said to be a mismatch at all."""
 LEFT_SHARE = 0.25
 """Largest share of a channel's mismatch that may stay predictable under a name."""
 UNKNOWN_SHARE = 0.08
 """Share above which what is left is reported as a finding of its own."""
-BEATEN_BY, BEATEN_SHARE = 12.0, 0.05
-"""By how much a law must do better than names before these are refused: log-likelihood, or share of their gain."""
-PIXEL_COLUMNS = frozenset({"pixel_u", "pixel_v", "azimuth_deg", "elevation_deg"})
 BEATEN_PLAIN = 0.03
 """Share of what the names explain to independent rows by which a law without physics must at least be better."""
 SCATTER_SHARE = 0.15
 """Share of what names do to the groups of a channel below which what is left between these is their own error."""
-PICTURE_SHARE = 0.3
-"""Share of what an effect over the image explains that a free pattern of pixels must gain beside it."""
 CONSTANT_Z = 8.0
 """A unit's constant gain or offset this many standard errors from none is a mismatch if nothing else explains it."""
 
@@ -140,59 +144,14 @@ class Decision:
     def _add_patterns(self) -> None:
         for pattern in find_patterns(self.problem, self.effects, self.best.terms, self.search.failed)[:2]:
             calibration = is_calibration(self.problem, pattern, self.best.terms)
-            shares = [self._share_beside(t) for t in self.best.terms
+            shares = [share_beside(self.problem, self.best.terms, t) for t in self.best.terms
                       if set(t.variant.channels) & set(pattern.term.variant.channels)]  # fmt: skip
             if calibration or self.patterns or pattern.gain <= max(shares, default=0.0):
                 continue
-            if shares or not self._has_other_place(pattern):
+            if shares or not has_other_place(self.found.looker, self.best.terms, pattern):
                 self.patterns.append(pattern)
         if self.patterns:
             self._look()
-
-    def _share_beside(self, term: Term) -> float:
-        """Log-likelihood that a free pattern of pixels must gain beside an effect, so as not to mend its shape only.
-
-        It is a share of what the free pattern could take from the effect's own change. Of an effect that is itself
-        a picture (a spot, a beam) it takes up whatever the outline misses.
-        """
-        picture = bool(set(term.variant.drivers) & PIXEL_COLUMNS)
-        others = [t for t in self.best.terms if t is not term]
-        base, moved = forward(others, self.problem.view), forward([*others, term], self.problem.view)
-        total = 0.0
-        for d in self.problem.data:
-            level = next((level for level in d.levels if level.name == "pixel"), None)
-            if level is None or d.channel.role is Role.SCATTER or moved[d.channel.name] is base[d.channel.name]:
-                continue
-            weight = d.root_weight**2 * level.scale
-            change = d.expect * (moved[d.channel.name] - base[d.channel.name])[d.use]
-            gram = np.bincount(level.code, weight * level.scale, minlength=level.count)
-            mean = np.bincount(level.code, weight * change, minlength=level.count) / np.maximum(gram, 1e-300)
-            unit = np.zeros(level.count, dtype=np.int64)
-            unit[level.code] = d.unit
-            middle = np.bincount(unit, gram * mean) / np.maximum(np.bincount(unit, gram), 1e-300)
-            total += 0.5 * float(np.sum(gram * (mean - middle[unit]) ** 2))
-        return (PICTURE_SHARE if picture else MISFIT_SHARE) * total
-
-    def _plain_gain(self, term: Term) -> float:
-        """Half the drop of the sum of squares that a term brings to independent rows, as counted for a pattern."""
-        others = [t for t in self.best.terms if t is not term]
-        base, moved = forward(others, self.problem.view), forward([*others, term], self.problem.view)
-        total = 0.0
-        for d in self.problem.data:
-            if moved[d.channel.name] is not base[d.channel.name] and d.channel.role is not Role.SCATTER:
-                change = d.root_weight * d.expect * (moved[d.channel.name] - base[d.channel.name])[d.use]
-                total += 0.5 * float(change @ change)
-        return total
-
-    def _has_other_place(self, pattern: Pattern) -> bool:
-        """Whether a channel of a pattern carries stronger structure on something other than its pixels."""
-        state = forward(self.best.terms, self.problem.view)
-        for d in self.problem.data:
-            if d.channel.name in pattern.term.variant.channels and d.channel.role is not Role.SCATTER:
-                place = locate(self.found.looker, d, state)
-                if place is not None and place.gain > pattern.gain and not set(place.columns) & PIXEL_COLUMNS:
-                    return True
-        return False
 
     def _look(self) -> None:
         state = forward(self.terms, self.problem.view)
@@ -244,7 +203,9 @@ class Decision:
         base = d.fit_scatter(d.residual(bare))[0]
         price = PRICE * sum(len(t.free()) for t in acting)
         named = d.fit_scatter(d.residual(own))[0] - base - price
-        plain = sum(self._plain_gain(t) for t in acting)  # free scatters of pixels or steps hide most of a gain
+        plain = sum(
+            plain_gain(self.problem, self.best.terms, t) for t in acting
+        )  # free scatters of pixels or steps hide most of a gain
         least = named + max(BEATEN_BY, BEATEN_SHARE * named, BEATEN_PLAIN * plain)
         return chosen.z > LEAST_Z and chosen.likelier > least
 
@@ -303,6 +264,7 @@ class Decision:
     def _drop_shadowed(self) -> None:
         """Drop patterns of pixels that a law explains as well: its pixels merely see different conditions."""
         kept = [p for p in self.patterns if not any(self._shadows(law, p) for law in self.laws)]
+        kept = [p for p in kept if not is_outdone(self.found.looker, self.best.terms, p, self._leading)]
         if len(kept) != len(self.patterns):
             self.patterns, self.laws = kept, []
             self._look()

@@ -1,0 +1,94 @@
+"""Whether a free pattern of pixels says more than what else could explain it: a name, another place, a law."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from arl_fixtures.reconcile.acceptance import MISFIT_SHARE
+from arl_fixtures.reconcile.law_search import search_law
+from arl_fixtures.reconcile.locate import locate
+from arl_fixtures.reconcile.patterns import Pattern
+from arl_fixtures.reconcile.pilot import Looker
+from arl_fixtures.reconcile.problem import ChannelData, Problem
+from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.terms import Term, forward
+
+BEATEN_BY, BEATEN_SHARE = 12.0, 0.05
+"""By how much a law must do better than names before these are refused: log-likelihood, or share of their gain."""
+LEAST_Z = 2.0
+"""Significance over blocks below which what is gained on unseen ones is a single block's."""
+PIXEL_COLUMNS = frozenset({"pixel_u", "pixel_v", "azimuth_deg", "elevation_deg"})
+PICTURE_SHARE = 0.3
+"""Share of what an effect over the image explains that a free pattern of pixels must gain beside it."""
+
+
+def share_beside(problem: Problem, terms: Sequence[Term], term: Term) -> float:
+    """Log-likelihood that a free pattern of pixels must gain beside an effect, so as not to mend its shape only.
+
+    It is a share of what the free pattern could take from the effect's own change. Of an effect that is itself
+    a picture (a spot, a beam) it takes up whatever the outline misses.
+    """
+    picture = bool(set(term.variant.drivers) & PIXEL_COLUMNS)
+    others = [t for t in terms if t is not term]
+    base, moved = forward(others, problem.view), forward([*others, term], problem.view)
+    total = 0.0
+    for d in problem.data:
+        level = next((level for level in d.levels if level.name == "pixel"), None)
+        if level is None or d.channel.role is Role.SCATTER or moved[d.channel.name] is base[d.channel.name]:
+            continue
+        weight = d.root_weight**2 * level.scale
+        change = d.expect * (moved[d.channel.name] - base[d.channel.name])[d.use]
+        gram = np.bincount(level.code, weight * level.scale, minlength=level.count)
+        mean = np.bincount(level.code, weight * change, minlength=level.count) / np.maximum(gram, 1e-300)
+        unit = np.zeros(level.count, dtype=np.int64)
+        unit[level.code] = d.unit
+        middle = np.bincount(unit, gram * mean) / np.maximum(np.bincount(unit, gram), 1e-300)
+        total += 0.5 * float(np.sum(gram * (mean - middle[unit]) ** 2))
+    return (PICTURE_SHARE if picture else MISFIT_SHARE) * total
+
+
+def plain_gain(problem: Problem, terms: Sequence[Term], term: Term) -> float:
+    """Half the drop of the sum of squares that a term brings to independent rows, as counted for a pattern."""
+    others = [t for t in terms if t is not term]
+    base, moved = forward(others, problem.view), forward([*others, term], problem.view)
+    total = 0.0
+    for d in problem.data:
+        if moved[d.channel.name] is not base[d.channel.name] and d.channel.role is not Role.SCATTER:
+            change = d.root_weight * d.expect * (moved[d.channel.name] - base[d.channel.name])[d.use]
+            total += 0.5 * float(change @ change)
+    return total
+
+
+def has_other_place(looker: Looker, terms: Sequence[Term], pattern: Pattern) -> bool:
+    """Whether a channel of a pattern carries stronger structure on something other than its pixels."""
+    state = forward(terms, looker.problem.view)
+    for d in looker.problem.data:
+        if d.channel.name in pattern.term.variant.channels and d.channel.role is not Role.SCATTER:
+            place = locate(looker, d, state)
+            if place is not None and place.gain > pattern.gain and not set(place.columns) & PIXEL_COLUMNS:
+                return True
+    return False
+
+
+def is_outdone(
+    looker: Looker, terms: Sequence[Term], pattern: Pattern, leading_of: Callable[[ChannelData], Sequence[str]]
+) -> bool:
+    """Whether a law of more than pixels explains a channel without a name clearly better than its pixels do.
+
+    `leading_of` gives the columns that matter most to a channel: the law is looked for among these first.
+    """
+    problem = looker.problem
+    untouched, state = problem.view.fresh_state(), forward(terms, problem.view)
+    for d in problem.data:
+        name = d.channel.name
+        if name not in pattern.term.variant.channels or d.channel.role is Role.SCATTER:
+            continue
+        if not np.array_equal(state[name], untouched[name], equal_nan=True):
+            continue
+        law, chosen = search_law(looker, d, state, leading_of(d))
+        least = pattern.gain + max(BEATEN_BY, BEATEN_SHARE * pattern.gain)
+        if chosen.z > LEAST_Z and chosen.likelier > least and not set(law.drivers) <= PIXEL_COLUMNS:
+            return True
+    return False
