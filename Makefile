@@ -8,7 +8,9 @@ OUT ?= out
 RESUME ?=
 PYTEST_ARGS ?=
 
-.PHONY: setup test cycle report proof soak bench clean
+.PHONY: setup test types style cycle report proof soak bench clean
+# tests start the package in many processes: it is compiled once
+unexport PYTHONDONTWRITEBYTECODE
 
 setup: $(VENV)/.installed
 
@@ -17,12 +19,20 @@ $(VENV)/.installed: pyproject.toml
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
 	@touch $@
 
+# Three at a time on two cores: tests of guard and kills mostly wait for processes that they have started.
+test: export OMP_NUM_THREADS = 1
 test: setup
-	$(BIN)/ruff check .
+	@$(MAKE) --no-print-directory --output-sync -j 2 types style
+	$(BIN)/python -m pytest tests_bench tests_unit -q -n 3 --dist worksteal
+
+types: setup
 	$(BIN)/mypy
+
+# Collecting shows what cannot be imported before the long part begins, and compiles the tests for all workers.
+style: setup
+	$(BIN)/ruff check .
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest tests_unit -q -n 2 --dist loadfile
-	$(BIN)/python -m pytest tests_bench -q
+	$(BIN)/python -m pytest --collect-only -qqq tests_bench tests_unit
 
 cycle: setup
 	$(BIN)/python -m pytest -m cycle tests_bench --bench $(BENCH) --profile $(PROFILE) --out $(OUT) \

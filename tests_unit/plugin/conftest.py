@@ -86,11 +86,22 @@ class Session:
         return [line for line in self.journal(number) if line["type"] == kind]
 
 
-@pytest.fixture
-def session(tmp_path):
-    session = Session(tmp_path)
+def small_session(folder):
+    session = Session(folder)
     session.write("tiny.yaml", PROFILE)
     session.write("limits.yaml", LIMITS)
     session.write("test_cycle_here.py", TEST)
     session.write("pytest.ini", "[pytest]\n")
     return session
+
+
+@pytest.fixture
+def session(tmp_path):
+    return small_session(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """A session that ran a whole cycle, and what it printed; its folder is only to be read."""
+    session = small_session(tmp_path_factory.mktemp("undisturbed"))
+    return session, session.run("--junitxml=out/junit.xml", check=0).stdout

@@ -1,6 +1,7 @@
 """A cycle as its user meets it: what passes, what fails, what is INVALID, and what is left behind."""
 
 import resource
+import shutil
 import signal
 import subprocess
 from xml.etree import ElementTree
@@ -8,9 +9,10 @@ from xml.etree import ElementTree
 import pytest
 
 
-def test_a_cycle_leaves_journal_bags_and_junit_and_the_next_one_counts_on(session):
-    done = session.run("--junitxml=out/junit.xml", check=0)
-    assert "c0000-01-up+26C" in done.stdout
+def test_a_cycle_leaves_journal_bags_and_junit_and_the_next_one_counts_on(undisturbed, session):
+    first, printed = undisturbed
+    shutil.copytree(first.folder / "out", session.folder / "out")
+    assert "c0000-01-up+26C" in printed
     assert [end["verdict"] for end in session.of_type("step_end")] == ["PASS"] * 4
     assert session.journal()[-1]["reason"] == "finished"
     bags = {path.name for path in (session.folder / "out/bags").iterdir()}
@@ -39,10 +41,9 @@ def test_a_campaign_ends_by_its_own_rule_and_counts_its_cycles(session):
     assert "all 1 cycles of the campaign are done" in done.stderr
 
 
-def test_same_seed_same_bytes(session):
-    session.run("--out=a", check=0)
-    session.run("--out=b", check=0)
-    bags = [sorted((session.folder / out).glob("bags/*/*.mcap")) for out in "ab"]
+def test_same_seed_same_bytes(undisturbed, session):
+    session.run(check=0)
+    bags = [sorted(each.folder.glob("out/bags/*/*.mcap")) for each in (undisturbed[0], session)]
     first, second = ([path.read_bytes() for path in found] for found in bags)
     assert len(first) == 4
     assert first == second
@@ -193,15 +194,13 @@ def test_a_terminal_that_is_gone_does_not_keep_the_journal_from_its_end(session)
     assert session.journal()[-1]["reason"] != "finished"
 
 
-def test_resume_after_a_kill_gives_what_an_undisturbed_cycle_gives(session):
-    session.run("--out=whole", check=0)
+def test_resume_after_a_kill_gives_what_an_undisturbed_cycle_gives(undisturbed, session):
     child = start_until(session, "settle", 3)
     child.kill()
     child.communicate(timeout=60)
     session.run("--resume", check=0)
     resumed = {line["step_id"]: line for line in session.of_type("bag")}
-    undisturbed = {path.name for path in (session.folder / "whole/bags").iterdir()}
-    assert set(resumed) == undisturbed
+    assert set(resumed) == {path.name for path in (undisturbed[0].folder / "out/bags").iterdir()}
     ends = [line for line in session.of_type("step_end") if line["finished"]]
     assert len(ends) == len({line["step_id"] for line in ends}) == 4
 
