@@ -32,7 +32,8 @@ types: setup
 style: setup
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest --collect-only -qqq tests_bench tests_unit
+	@$(BIN)/python -m pytest --collect-only -q tests_bench tests_unit >$(VENV)/collected \
+		|| { cat $(VENV)/collected; exit 1; }
 
 cycle: setup
 	$(BIN)/python -m pytest -m cycle tests_bench --bench $(BENCH) --profile $(PROFILE) --out $(OUT) \
