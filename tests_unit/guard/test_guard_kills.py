@@ -52,15 +52,14 @@ def test_a_test_that_is_stopped_is_as_good_as_dead_and_hears_of_it_when_it_wakes
 
 def test_a_test_that_closes_its_connection(stand, run_test):
     def hang_up(guard, bench):
+        (stand.runtime / "since").write_text(repr(bench.clock.now_s))
         guard._link._link.close()
-        os.write(1, b"")
         signal.pause()
 
     pid = run_test(stand, hang_up)
     status = stand.wait_for_state("idle")
     assert "died" in status["cause"]
-    found = stand.inspect()
-    assert is_safe(found["state"])
+    assert_safe_within(stand.inspect(), float((stand.runtime / "since").read_text()))
     os.kill(pid, signal.SIGKILL)
     reap(pid)
 
@@ -83,12 +82,14 @@ def test_a_test_that_talks_nonsense(stand, run_test):
 
 def test_ctrl_c_twice(stand, run_test):
     pid = run_test(stand, go_on)
+    not_before_s = stand.inspect()["state"]["now_s"]
     os.kill(pid, signal.SIGINT)
     os.kill(pid, signal.SIGINT)
     assert reap(pid) == 70
     # whether the second one hits the good-bye or not: somebody has made it safe
     until(lambda: (stand.ask(op="status") or {"state": "idle"})["state"] == "idle", "the guard is done")
-    assert is_safe(stand.inspect()["state"])
+    found = stand.inspect()
+    assert_safe_within(found, death_of_test(found), not_before_s=not_before_s)
 
 
 def test_a_test_that_fails_says_good_bye(stand, run_test):
