@@ -15,7 +15,7 @@ from arl_fixtures.report.foretelling import foretelling
 from arl_fixtures.report.lifetime import LifetimeModel
 from arl_fixtures.report.maps import MapMaker
 from arl_fixtures.report.results import result_rows
-from arl_fixtures.report.text import shown, utc_text
+from arl_fixtures.report.text import metric_text, shown, utc_text
 
 OVER_TEMPERATURE: Final = (
     ("power_change", ""),
@@ -24,6 +24,7 @@ OVER_TEMPERATURE: Final = (
     ("focal_length_change", "fx"),
     ("principal_point_change", "cx"),
 )
+OF_ONE_DRAWING: Final = 3
 MAPS: Final = "Maps: P_o, its change, σ, ΔD"
 TITLE: Final = "Qualification report"
 MOST_CYCLES: Final = 20
@@ -205,14 +206,16 @@ def _over_temperature(cycle: Cycle, pictures: dict[str, bytes]) -> Section:
     there = [key for key in OVER_TEMPERATURE if key in measured]
     blocks = sections.camera(cycle)
     if there:
-        pictures["over-temperature.svg"] = figures.over_temperature(cycle, there, limits)
-        blocks.append(
-            Picture(
-                name="over-temperature.svg",
-                caption="Selected metrics over the set temperature, with 95 % intervals; dashed: limits near enough "
-                "to be drawn.",
-                alt="Power change, worst 3 by 3 neighbourhood, distance error and camera changes over temperature",
-                share=0.6,
+        for place, start in enumerate(range(0, len(there), OF_ONE_DRAWING), start=1):
+            together = there[start : start + OF_ONE_DRAWING]
+            name = f"over-temperature-{place}.svg"
+            pictures[name] = figures.over_temperature(cycle, together, limits)
+            blocks.append(
+                Picture(
+                    name=name,
+                    caption="Over the set temperature, with 95 % intervals; dashed: limits near enough to be drawn.",
+                    alt=f"{', '.join(metric_text(*key) for key in together)} over the set temperature",
+                    share=0.49,
+                )
             )
-        )
     return Section(title="K, and metrics over temperature", blocks=tuple(blocks))

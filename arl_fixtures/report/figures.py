@@ -13,7 +13,7 @@ from arl_fixtures.quantity import convert
 from arl_fixtures.report.cycles import Cycle
 from arl_fixtures.report.drawing import MARKERS, SHADES, drawn, label
 from arl_fixtures.report.maps import ImageMap
-from arl_fixtures.report.text import expanded, unit_text
+from arl_fixtures.report.text import half_width, unit_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -98,7 +98,7 @@ def map_sheet(maps: Sequence[ImageMap], scales: Sequence[tuple[float, float]]) -
             figure.colorbar(image, ax=axes, pad=0.02, fraction=0.05, extend="both")
         rows[-1].set_xlabel("column u")
 
-    return drawn(draw, 1.2 * len(maps) + 0.1, "png")
+    return drawn(draw, 1.1 * len(maps) + 0.1, "png")
 
 
 def _missing(axes: Axes, reason: str) -> None:
@@ -190,12 +190,6 @@ def _panel(axes: Axes, points: Sequence[tuple[float, int, Measurement]], unit: s
                 linewidth=0.6,
                 elinewidth=0.8,
             )
-
-
-def half_width(measurement: Measurement, unit: str) -> float:
-    """Half width of the 95 % interval in another unit."""
-    zero = convert(0.0, measurement.unit, unit)
-    return abs(convert(expanded(measurement), measurement.unit, unit) - zero)
 
 
 def limit_lines(axes: Axes, limit: AppliedLimit | None) -> None:

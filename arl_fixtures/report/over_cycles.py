@@ -11,17 +11,19 @@ import numpy as np
 from arl_fixtures.report.blocks import Block, Cell, Picture, Section, Table, Text
 from arl_fixtures.report.cycles import Cycle
 from arl_fixtures.report.drawing import MARKERS, SHADES, drawn, label
-from arl_fixtures.report.figures import half_width, limit_lines
+from arl_fixtures.report.figures import limit_lines
 from arl_fixtures.report.lifetime import Equivalent, LifetimeModel, Stress, fatigue, rate
 from arl_fixtures.report.series import FALSE_DISCOVERIES, Series, series_over
-from arl_fixtures.report.text import limit_text, metric_text, shown, unbroken, unit_text
+from arl_fixtures.report.text import half_width, limit_text, metric_text, shown, unbroken, unit_text
 from arl_fixtures.report.trend import FEWEST_CYCLES, HORIZON, Law
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PANELS: Final = 6
+DAYS_A_YEAR: Final = 365.25
+PANELS: Final = 4
+"""Of one drawing: two rows of drawings fill a page."""
 
 
 def trends(cycles: Sequence[Cycle], pictures: dict[str, bytes]) -> Section:
@@ -33,7 +35,14 @@ def trends(cycles: Sequence[Cycle], pictures: dict[str, bytes]) -> Section:
     found.sort(key=lambda each: (each.trend is None, each.crossing.expected if each.crossing else math.inf))
     moving = [each for each in found if each.trend is not None]
     blocks: list[Block] = [Text(text=_method(temperatures_c, len(found)))]
-    blocks.append(_table(moving) if moving else Text(text=f"No trend in any of {len(found)} values."))
+    most = max(len(each.points) for each in found)
+    if moving:
+        blocks.append(_table(moving))
+    elif most < FEWEST_CYCLES:
+        told = f"No trend can be told yet: values of {most} {'cycle' if most == 1 else 'cycles'}."
+        blocks.append(Text(text=told))
+    else:
+        blocks.append(Text(text=f"No trend in any of {len(found)} values."))
     if moving and len(moving) < len(found):
         still = dict.fromkeys(metric_text(each.metric, each.scope) for each in found if each.trend is None)
         blocks.append(Text(text=f"No trend in {len(found) - len(moving)} values, of {', '.join(still)}."))
@@ -150,8 +159,10 @@ def _draw_trends(panels: Sequence[Sequence[Series]], serials: Sequence[str]) -> 
 
 def _draw_series(axes: Axes, each: Series, number: int) -> None:
     shade, marker = SHADES[number % len(SHADES)], MARKERS[number % len(MARKERS)]
+    # side by side: intervals of several DUTs at one cycle would hide one another
+    aside = (number - 1) * (max(each.points) - min(each.points)) / 80.0
     axes.errorbar(
-        list(each.points),
+        [cycle + aside for cycle in each.points],
         each.values,
         yerr=[half_width(point, each.limit.unit) for point in each.points.values()],
         color=shade,
@@ -226,7 +237,7 @@ def lifetime(cycles: Sequence[Cycle], model: LifetimeModel | None) -> Section:
         for each in model.arrhenius
     ]
     table = Table(
-        header=("Model", "Mechanism", "Worth in use", "Years of use", "Source"),
+        header=("Model", "Mechanism", "Worth in use", "Time in use", "Source"),
         rows=tuple(rows),
         weights=(2.0, 2.0, 1.8, 1.5, 3.2),
     )
@@ -240,6 +251,20 @@ def _range(ends: tuple[float, float]) -> str:
 def _worth(found: Equivalent, what: str) -> tuple[Cell, Cell]:
     low, high = found.amount
     return (
-        Cell(unbroken(f"{low:.3g} … {high:.3g} {what}")),
-        Cell(unbroken(f"{found.years[0]:.2g} … {found.years[1]:.2g}")),
+        Cell(unbroken(f"{_figure(low)} … {_figure(high)} {what}")),
+        Cell(unbroken(_time_in_use(*found.years))),
     )
+
+
+def _time_in_use(low: float, high: float) -> str:
+    """A range of years in the largest unit that its upper end fills."""
+    for unit, per_year in (("years", 1.0), ("days", DAYS_A_YEAR)):
+        if high * per_year >= 1.0:
+            return f"{_figure(low * per_year)} … {_figure(high * per_year)} {unit}"
+    per_year = 24.0 * DAYS_A_YEAR
+    return f"{_figure(low * per_year)} … {_figure(high * per_year)} h"
+
+
+def _figure(value: float) -> str:
+    """Two digits, or all before the point: no range of a lifetime is known better."""
+    return f"{value:.0f}" if abs(value) >= 10.0 else f"{value:.2g}"

@@ -18,6 +18,7 @@ from arl_fixtures.report.results import Judged, ResultRow, judged, result_rows
 from arl_fixtures.report.text import (
     NOTHING,
     duration_text,
+    half_width,
     limit_text,
     metric_text,
     range_text,
@@ -206,7 +207,7 @@ def _dut_table(serial: str, rows: list[ResultRow]) -> Table:
         title=f"Values of {shown(serial)} against their limits",
         header=("Metric", "Limit", "Nearest to the limit", "At", "Range over the steps", "Verdict"),
         rows=tuple(_row(row) for row in ordered),
-        weights=(3.0, 1.7, 2.2, 1.2, 2.1, 1.3),
+        weights=(2.9, 2.0, 2.2, 1.2, 2.0, 1.2),
         note="One row for each limit; of the values with the worst verdict the one nearest to its limit, in "
         "expanded uncertainties, is given with its 95 % interval. The journal holds them all.",
     )
@@ -219,6 +220,7 @@ def _row(row: ResultRow) -> tuple[Cell, ...]:
     begin = telling.attempt.begin
     place = f"{begin.set_temperature_c:g} °C {'up' if begin.ramp > 0 else 'down'}"
     span = row.range
+    half = half_width(measured, row.limit.unit) if measured is not None else 0.0
     several = ", ".join(
         f"{counts[each]} {each.value.replace('_', ' ')}" for each in reversed(Verdict) if counts[each]
     )
@@ -227,7 +229,7 @@ def _row(row: ResultRow) -> tuple[Cell, ...]:
         Cell(limit_text(row.limit) + (" (minor)" if row.limit.severity == "minor" else "")),
         Cell(value_text(measured, row.limit.unit) if has_value else shown(telling.reason) or NOTHING),
         Cell(place),
-        Cell(range_text(*span, row.limit.unit) if span else NOTHING),
+        Cell(range_text(*span, row.limit.unit, half) if span else NOTHING),
         Cell(verdict_cell(row.verdict.value).text if len(counts) == 1 else several, verdict_cell(row.verdict).tone),
     )
 

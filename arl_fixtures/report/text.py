@@ -56,15 +56,20 @@ def expanded(measurement: Measurement) -> float:
     return coverage_factor(math.inf if measurement.dof is None else measurement.dof, COVERAGE) * measurement.u
 
 
+def half_width(measurement: Measurement, unit: str) -> float:
+    """Half width of the 95 % interval in another unit."""
+    # an interval has no zero of its own: only the scale matters
+    zero = convert(0.0, measurement.unit, unit)
+    return abs(convert(expanded(measurement), measurement.unit, unit) - zero)
+
+
 def value_text(measurement: Measurement | None, unit: str = "") -> str:
     """A measured value with its 95 % interval, in `unit` where one is given."""
     if measurement is None or measurement.value is None:
         return NOTHING
     unit = unit or measurement.unit
     value = convert(measurement.value, measurement.unit, unit)
-    # an interval has no zero of its own: only the scale matters
-    half = abs(convert(expanded(measurement), measurement.unit, unit) - convert(0.0, measurement.unit, unit))
-    return with_unit(rounded(value, half), unit)
+    return with_unit(rounded(value, half_width(measurement, unit)), unit)
 
 
 def with_unit(number: str, unit: str) -> str:
@@ -77,10 +82,20 @@ def with_unit(number: str, unit: str) -> str:
     return f"({number}){behind}" if "±" in number else f"{number}{behind}"
 
 
-def range_text(low: float, high: float, unit: str) -> str:
-    """Two ends with as many decimals as the larger one has in three digits; one number where they are alike then."""
+def range_text(low: float, high: float, unit: str, half_width: float = 0.0) -> str:
+    """Two ends with the same decimals; one number where they are alike then.
+
+    Args:
+        low: smallest value.
+        high: largest.
+        unit: of both.
+        half_width: of one value's interval; its first two digits set the decimals, as in `rounded`. Without it, the
+            first three digits of the larger end do.
+    """
     largest = max(abs(low), abs(high))
     digits = 2 - math.floor(math.log10(largest)) if largest > 0.0 and math.isfinite(largest) else 0
+    if 0.0 < half_width < math.inf:
+        digits = 1 - math.floor(math.log10(half_width))
     if digits > 9 or digits < -4:
         ends = [f"{end:.3g}" for end in (low, high)]
     else:

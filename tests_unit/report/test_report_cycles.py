@@ -195,6 +195,13 @@ def test_noise_is_no_trend(tmp_path):
     assert "No trend in any of 2 values" in texts(section(report_of(path), "Trends over cycles"))
 
 
+def test_too_few_cycles_are_not_called_free_of_trends(tmp_path):
+    path = drifting(tmp_path, [0.0, -0.04, -0.07])
+    told = texts(section(report_of(path), "Trends over cycles"))
+    assert "No trend can be told yet: values of 3 cycles." in told
+    assert "No trend in any" not in told
+
+
 def test_a_trend_in_the_cold_alone_is_found_and_drawn(tmp_path):
     rng = np.random.default_rng(4)
     lines, plan = [], []

@@ -134,3 +134,17 @@ def test_lifetime_is_shown_as_ranges(tmp_path):
 )
 def test_ends_of_a_range_have_the_same_decimals(low, high, unit, expected):
     assert range_text(low, high, unit) == expected
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "half_width", "expected"),
+    [
+        (-0.0895, -0.0816, 2.04, "-0.1 %"),
+        (-1e-5, 0.00792, 0.0141, "0.000 … 0.008 %"),
+        (-0.577, -0.087, 0.48, "-0.58 … -0.09 %"),
+        (33.81, 44.176, 0.021, "33.810 … 44.176 %"),
+        (120.0, 1480.0, 310.0, "120 … 1480 %"),
+    ],
+)
+def test_ends_of_a_range_are_no_finer_than_their_uncertainty(low, high, half_width, expected):
+    assert range_text(low, high, "%", half_width) == expected
