@@ -198,7 +198,7 @@ def measured(bench: Bench, folder: Path, minutes: float) -> dict[str, object]:
         lost[serial] = (
             f"{frames} frames, {counts.incomplete_frames - was.incomplete_frames} incomplete, "
             f"{rows} rows lost (share {rows / (32 * frames):.1e}), "
-            f"{counts.malformed - was.malformed} malformed"
+            f"{counts.late_packets - was.late_packets} came too late, {counts.malformed - was.malformed} malformed"
         )
     duration_s = bench.clock.now_s - start_s
     return {

@@ -28,6 +28,8 @@ PIXELS: Final = slice(92, 1116)
 """Bytes of a packet that hold ranges and intensities."""
 LONGEST_BACKLOG_S: Final = 1.0
 """Frames that lie unread longer than this are not worth reading: newer ones come at once."""
+CATCH_UP_S: Final = 0.02
+"""Whoever waited in vain may have overslept: the thread that empties the socket gets a turn before silence counts."""
 LONGEST_ROW_S: Final = FRAME_PERIOD_S / ROWS
 """Rows of a frame follow each other no slower than this."""
 SHOWN_STRANGERS: Final = 3
@@ -179,10 +181,10 @@ class HflReceiver:
             now_s = clock.now_s
             if now_s >= deadline_s or self._hopeless(missing, start_s, now_s):
                 break
-            self._sort(self._ports.frames.receive(min(deadline_s - now_s, settings.frame_timeout_s)), from_s)
+            self._hear(min(deadline_s - now_s, settings.frame_timeout_s), from_s)
             if breaks.take():
                 # nobody is silent or late before all that has come meanwhile is read
-                self._sort(self._ports.frames.receive(0.0), from_s)
+                self._hear(0.0, from_s)
             missing = [sensor for sensor in missing if len(sensor.frames) < n_frames]
         self._read_records()
         late = tuple(sensor.serial for sensor in missing)
@@ -205,7 +207,7 @@ class HflReceiver:
         """
         deadline_s = self._clock.now_s + duration_s
         while (now_s := self._clock.now_s) < deadline_s:
-            self._sort(self._ports.frames.receive(deadline_s - now_s), float("inf"))
+            self._hear(deadline_s - now_s, float("inf"))
         self._read_records()
         return self.status()
 
@@ -246,8 +248,20 @@ class HflReceiver:
             raise LocalProtocolError(f"no DUT '{serial}' is configured; there are {', '.join(self._sensors)}")
         return sensor
 
-    def _sort(self, datagrams: Iterable[Datagram], from_s: float) -> None:
-        """Hand packets to their sensors and keep frames that began at or after `from_s` by their first packet."""
+    def _hear(self, timeout_s: float, from_s: float) -> None:
+        port = self._ports.frames
+        datagrams = port.receive(timeout_s) or port.receive(CATCH_UP_S)
+        # what lies unread came after what was read: only up to there is it known who was silent
+        self._sort(datagrams, from_s, heard_s=datagrams[-1].time_s if datagrams else self._clock.now_s)
+
+    def _sort(self, datagrams: Iterable[Datagram], from_s: float, *, heard_s: float) -> None:
+        """Hand packets to their sensors and keep frames that began at or after `from_s` by their first packet.
+
+        Args:
+            datagrams: in the order of their arrival.
+            from_s: see above.
+            heard_s: time up to which all that arrived has been read.
+        """
         packets: dict[str, list[tuple[bytes, float]]] = {address: [] for address in self._by_address}
         for payload, sender, time_s in datagrams:
             mine = packets.get(sender)
@@ -255,14 +269,14 @@ class HflReceiver:
                 self.unknown_senders[sender] = self.unknown_senders.get(sender, 0) + 1
             else:
                 mine.append((payload, time_s))
-        self._listened_s = now_s = self._clock.now_s
+        self._listened_s = self._clock.now_s
         for address, mine in packets.items():
             sensor = self._by_address[address]
             finished = sensor.assembler.feed(mine)
             if mine:
                 sensor.last_packet_s = mine[-1][1]
                 sensor.last_length = len(mine[-1][0])
-            finished += sensor.assembler.expire(now_s)
+            finished += sensor.assembler.expire(heard_s)
             for frame in finished:
                 # rows that are missing may have been its first
                 if frame.cut or frame.first_s - (ROWS - frame.arrived) * LONGEST_ROW_S < from_s:

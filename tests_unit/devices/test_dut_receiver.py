@@ -47,6 +47,20 @@ class ScriptedPort:
         self.closed = True
 
 
+class StallingPort(ScriptedPort):
+    """The host stalls once for 0.4 s when it has read only the first few of what has arrived."""
+
+    stalls_after = 0
+
+    def receive(self, timeout_s):
+        taken = super().receive(timeout_s)
+        if self.stalls_after is not None and self.clock.now_s > 0.1 and len(taken) > self.stalls_after:
+            taken, unread = taken[: self.stalls_after], taken[self.stalls_after :]
+            self.coming, self.stalls_after = unread + self.coming, None
+            self.clock.sleep(0.4)
+        return taken
+
+
 def frames_of(address, *, count=40, phase_s=0.0, level=0, frozen=False, dark=False, first_number=0):
     """A free-running sensor: frame k is exposed at phase + k · period, and its intensity says k."""
     encoder = FrameEncoder(SETTINGS, Calibration(fx=58.0))
@@ -103,6 +117,18 @@ def test_each_dut_gets_its_own_frames_in_order():
     assert block.row_valid.all()
     assert np.isnan(block.distance_m[:, 1]).all()
     assert ((block.time_ns - VIRTUAL_EPOCH_NS) / 1e9).tolist() == pytest.approx([0.003, 0.043, 0.083])
+
+
+@pytest.mark.parametrize("read", [0, 1, 3])
+def test_a_host_that_stalls_in_the_middle_of_a_frame_loses_nothing(read):
+    duts, clock = receiver([])
+    object.__setattr__(duts._ports, "frames", StallingPort(clock, all_three()))
+    duts._ports.frames.stalls_after = read
+    blocks = duts.collect(list(SENDERS), 10, not_before_s=0.0, timeout_s=2.0)
+    assert duts._ports.frames.stalls_after is None
+    assert all(block.row_valid.all() for block in blocks.values())
+    counts = [status.counts for status in duts.status().values()]
+    assert [(each.incomplete_frames, each.late_packets) for each in counts] == [(0, 0)] * 3
 
 
 @pytest.mark.parametrize("not_before_s", [0.0801, 0.095, 0.1199])
