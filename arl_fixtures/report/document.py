@@ -21,6 +21,7 @@ OVER_TEMPERATURE: Final = (
     ("power_change", ""),
     ("power_worst_3x3", ""),
     ("distance_error", "stripe_50"),
+    ("distance_scatter_change", "stripe_50"),
     ("focal_length_change", "fx"),
     ("principal_point_change", "cx"),
 )

@@ -67,7 +67,7 @@ def temperatures(cycle: Cycle) -> bytes:
         below.set_xlabel("bench time since the cycle's begin / h")
         figure.legend(loc="outside lower center", ncols=4)
 
-    return drawn(draw, 4.6)
+    return drawn(draw, 4.3)
 
 
 def map_sheet(maps: Sequence[ImageMap], scales: Sequence[tuple[float, float]]) -> bytes:
@@ -98,7 +98,7 @@ def map_sheet(maps: Sequence[ImageMap], scales: Sequence[tuple[float, float]]) -
             figure.colorbar(image, ax=axes, pad=0.02, fraction=0.05, extend="both")
         rows[-1].set_xlabel("column u")
 
-    return drawn(draw, 1.1 * len(maps) + 0.1, "png")
+    return drawn(draw, 1.0 * len(maps) + 0.1, "png")
 
 
 def _missing(axes: Axes, reason: str) -> None:

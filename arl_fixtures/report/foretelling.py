@@ -63,7 +63,7 @@ def _over(
             Picture(
                 name=name,
                 caption=f"DUT {shown(serial)}, {over}: rank correlation given set temperature and ramp. "
-                f"Dots: reported at a false discovery rate of {100 * FALSE_DISCOVERIES:g} %; grey: too few "
+                f"Dots: reported at a false discovery rate of {100 * FALSE_DISCOVERIES:g}\u00a0%; grey: too few "
                 "independent steps.",
                 alt=f"Matrix of the correlations of operating signals with metrics of {shown(serial)}, {over}",
                 share=0.49,
