@@ -8,7 +8,7 @@ boosted trees beside it. How a law is found stands in `law_search`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,6 +20,8 @@ from arl_fixtures.reconcile.roles import unit_of
 
 Features = dict[str, FloatArray]
 INTEGER_AXES = ("pixel_u", "pixel_v", "step", "cycle")
+CLUSTER_GAP, MOST_CLUSTERS = 0.03, 9
+"""Share of a column's span from which a gap parts clusters of its values, and how many such gaps are looked at."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -191,6 +193,22 @@ def _function(kind: str, x: FloatArray, axis: Axis) -> FloatArray:
             return np.equal(x, axis.at).astype(np.float64)
 
 
+def thresholds(values: FloatArray, shares: Sequence[float]) -> list[float]:
+    """Where a column may be parted: between its clusters if it has few, else at shares of its rows.
+
+    Args:
+        values: (n,) finite values in the column's unit.
+        shares: of the rows that lie below, 0 to 1, for a column without clusters.
+    """
+    levels = np.unique(values)
+    gaps = np.diff(levels)
+    wide = gaps > CLUSTER_GAP * float(levels[-1] - levels[0])
+    within = np.where(wide, 0.0, gaps)
+    if 0 < wide.sum() <= MOST_CLUSTERS and float(within.sum()) < 0.5 * float(levels[-1] - levels[0]):
+        return [float(x) for x in (0.5 * (levels[1:] + levels[:-1]))[wide]]
+    return [float(np.quantile(values, q)) for q in shares]
+
+
 def axes_of(name: str, values: FloatArray, labels: tuple[str, ...]) -> Iterator[Axis]:
     """Axis functions of a column, simple ones first."""
     if labels:
@@ -213,8 +231,7 @@ def axes_of(name: str, values: FloatArray, labels: tuple[str, ...]) -> Iterator[
         yield Axis(column=name, kind="log", middle=middle, width=width)
         yield Axis(column=name, kind="inverse", middle=middle, width=width)
     yield Axis(**base, kind="exp")  # type: ignore[arg-type]  # as above
-    for q in (0.15, 0.3, 0.5, 0.7, 0.85):
-        at = float(np.quantile(finite, q))
+    for at in thresholds(finite, (0.15, 0.3, 0.5, 0.7, 0.85)):
         yield Axis(column=name, kind="above", middle=middle, width=width, at=at)
         yield Axis(column=name, kind="below", middle=middle, width=width, at=at)
         yield Axis(column=name, kind="step", middle=middle, width=width, at=at)

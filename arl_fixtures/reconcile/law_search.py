@@ -9,16 +9,17 @@ in its fit.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
 from arl_fixtures.reconcile.boosting import Binned, Boosted, bin_columns
-from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm, axes_of
 from arl_fixtures.reconcile.law_basis import UNLIKELY, Basis, is_proxy
+from arl_fixtures.reconcile.law_fit import Chosen, confirm, holds_between, joint
 from arl_fixtures.reconcile.law_pool import distinct, pool_of, recurs
+from arl_fixtures.reconcile.law_shape import sharpened
 from arl_fixtures.reconcile.law_work import MOST_ROWS, Candidate, Work, evidence
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import ChannelData
@@ -37,39 +38,16 @@ CLOSE, CLOSE_SHARE = 2.0, 0.03
 """Of candidates that differ by less (log-likelihood, or share of the best) the simplest is taken."""
 LEAST_GAIN, FURTHER_GAIN, FURTHER_SHARE = 1.0, 4.0, 0.01
 """Log-likelihood that the first term and further ones must gain on unseen blocks, and its share of what is gained."""
+MOST_FAILED = 3
+"""Times that the best candidates of all may fail on unseen blocks before a search ends."""
 FURTHER_EVIDENCE = 3.0
 """What a further term must earn beyond its price: of hundreds beside a good first one some earn a little."""
-
-BETWEEN_SHARE = 0.25
-"""Share of what a wave gains on unseen blocks that it must gain on levels of its columns that it has not seen."""
 
 LAW_EVIDENCE, LAW_GAIN, LAW_Z = 6.0, 9.0, 3.0
 """Where nothing else tells of a mismatch, a law's first term must earn this beyond its price, and the law must gain
 this on unseen blocks, this surely."""
 LAW_LIKELIER, LAW_LEAST_Z = 12.0, 2.0
 """Marginal likelihood of a whole law, less its price, that tells of a mismatch where several blocks say so."""
-
-
-@dataclass(slots=True, kw_only=True)
-class Chosen:
-    """Terms in the law, with their joint fit.
-
-    Attributes:
-        held: log-likelihood gained on unseen blocks.
-        z: its significance over blocks.
-        inside: the same on the rows of the fit itself.
-        left: whitened residual; freedom: parameters that the fit used up, and what their choice is worth.
-    """
-
-    terms: list[Candidate] = field(default_factory=list)
-    values: list[FloatArray] = field(default_factory=list)
-    errors: list[FloatArray] = field(default_factory=list)
-    held: float = 0.0
-    z: float = 0.0
-    left: FloatArray = field(default_factory=lambda: np.zeros(0))
-    freedom: float = 0.0
-    inside: float = 0.0
-    likelier: float = 0.0
 
 
 def is_law(chosen: Chosen) -> bool:
@@ -84,6 +62,7 @@ def find_terms(work: Work, pool: Sequence[Candidate]) -> Chosen:
     """Forward selection from a pool; the joint fit and what unseen blocks say of it."""
     chosen = Chosen(left=work.residual)
     tried: set[int] = set()
+    failed = 0
     while len(chosen.terms) < MOST_TERMS:
         offers: list[tuple[float, int]] = []
         for k, item in enumerate(pool):
@@ -103,36 +82,17 @@ def find_terms(work: Work, pool: Sequence[Candidate]) -> Chosen:
             trial = joint(work, [*chosen.terms, pool[k]])
             further = max(FURTHER_GAIN, FURTHER_SHARE * chosen.held) if chosen.terms else LEAST_GAIN
             if trial.held > chosen.held + further:
-                if _holds_between(work, chosen, trial):
+                if holds_between(work, chosen, trial):
                     accepted = trial
                     break
                 between = True
-        if accepted is None:
-            if between:
-                continue  # a wave that only joins the levels that were measured gives way to the next best
+        if accepted is not None:
+            chosen, failed = accepted, 0
+        elif between or failed < MOST_FAILED:
+            failed += not between  # what fits best but foretells nothing gives way to the next best
+        else:
             break
-        chosen = accepted
     return chosen
-
-
-def _holds_between(work: Work, chosen: Chosen, trial: Chosen) -> bool:
-    """Whether a wave also tells levels of its columns that took no part in the fit: between levels it may be any."""
-    newest = trial.terms[-1].basis
-    for column in newest.columns if newest.waves else ():
-        fold = work.levels_of(column)
-        if fold is None:
-            continue
-        before = _told(work, chosen.terms, fold) if chosen.terms else 0.0
-        if _told(work, trial.terms, fold) - before < BETWEEN_SHARE * (trial.held - chosen.held):
-            return False
-    return True
-
-
-def _told(work: Work, terms: list[Candidate], fold: IntArray) -> float:
-    """Log-likelihood that terms gain where every fold is predicted by the others."""
-    vectors, precision = _stacked(terms)
-    predicted = _cross_predicted(work, vectors, precision, fold)
-    return 0.5 * float(np.sum(work.residual**2 - (work.residual - predicted) ** 2))
 
 
 def _complexity(basis: Basis) -> int:
@@ -143,61 +103,6 @@ def _complexity(basis: Basis) -> int:
     places = sum(axis.is_open for axis in basis.axes)
     plain = sum(axis.kind not in {"linear", "is", "parity", "inverse"} for axis in basis.axes)
     return 4 * places + plain + len(basis.axes) + proxies
-
-
-def joint(work: Work, terms: list[Candidate]) -> Chosen:
-    """Fit terms together with their widths, and let every fold be predicted by the others."""
-    if not terms:
-        return Chosen(left=work.residual)
-    vectors, precision = _stacked(terms)
-    gram, score = vectors @ vectors.T, vectors @ work.residual
-    inverse = np.linalg.inv(gram + precision + _ridge(gram))
-    values = inverse @ score
-    predicted = _cross_predicted(work, vectors, precision, work.fold)
-    gains = np.bincount(work.block, 0.5 * (work.residual**2 - (work.residual - predicted) ** 2))
-    spread = float(np.sqrt(np.sum((gains - gains.mean()) ** 2)))
-    split = np.cumsum([len(t.vectors) for t in terms])[:-1]
-    errors = np.sqrt(np.maximum(np.diag(inverse), 0.0))
-    left = work.residual - values @ vectors
-    return Chosen(
-        terms=terms, values=np.split(values, split), errors=np.split(errors, split), held=float(gains.sum()),
-        z=float(gains.sum()) / spread if spread > 0 else 0.0, left=left,
-        inside=0.5 * float(work.residual @ work.residual - left @ left),
-        freedom=float(np.trace(inverse @ gram)) + sum(t.basis.price for t in terms),
-    )  # fmt: skip
-
-
-def _stacked(terms: list[Candidate]) -> tuple[FloatArray, FloatArray]:
-    """Vectors of all terms, and the precision that the widths of their priors give them."""
-    vectors = np.concatenate([t.vectors for t in terms])
-    precision = np.zeros((len(vectors), len(vectors)))
-    start = 0
-    for t in terms:
-        k = len(t.vectors)
-        if t.basis.prior is not None and t.width > 0:
-            precision[start : start + k, start : start + k] = np.linalg.inv(t.basis.prior + 1e-9 * np.eye(k)) / (
-                t.width**2
-            )
-        start += k
-    return vectors, precision
-
-
-def _ridge(gram: FloatArray) -> FloatArray:
-    return np.asarray(1e-9 * max(float(np.trace(gram)) / len(gram), 1e-6) * np.eye(len(gram)))
-
-
-def _cross_predicted(work: Work, vectors: FloatArray, precision: FloatArray, fold: IntArray) -> FloatArray:
-    """What the other folds say of each fold's rows, whitened."""
-    gram, score = vectors @ vectors.T, vectors @ work.residual
-    ridge = _ridge(gram)
-    predicted = np.zeros(len(work.residual))
-    for k in np.unique(fold):
-        test = fold == k
-        inside = vectors[:, test]
-        part = gram - inside @ inside.T
-        rest = score - inside @ work.residual[test]
-        predicted[test] = np.linalg.solve(part + precision + ridge, rest) @ inside
-    return predicted
 
 
 def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequence[str]) -> tuple[Law, Chosen]:
@@ -216,7 +121,9 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
         corrected = state[data.channel.name] + trial.correction(looker.features, state[data.channel.name])
         after, _ = data.fit_scatter(data.measured - data.expect * corrected[data.use])
         found.likelier = after - before - found.freedom
-        if found.likelier > (chosen.likelier + START_GAIN if chosen.terms else 0.0):
+        stands, stood = is_law(found), is_law(chosen)  # what only fits gives way to what foretells
+        least = chosen.likelier + START_GAIN if chosen.terms and stands == stood else 0.0
+        if found.likelier > least and stands >= stood:
             law, chosen = trial, found
     return law, chosen
 
@@ -245,6 +152,7 @@ def _from_start(
     for _ in range(MOST_PASSES):
         work = Work(data, state, looker.features, tau)
         found = narrowed(work, find_terms(work, pool_of(work, looker, leading)), _factors(work, looker, leading))
+        found = sharpened(work, found)
         if found.held < 1.05 * chosen.held or not found.terms:
             break
         law, chosen = law_of(found, data), found
@@ -319,19 +227,6 @@ def _marks(looker: Looker) -> list[Axis]:
             width = float(levels[1] - levels[0])
             marks += [Axis(column=name, kind="linear", middle=float(x), width=width) for x in levels]
     return marks[:MOST_MARKS]
-
-
-def confirm(work: Work, bases: Sequence[Basis]) -> Chosen:
-    """The joint fit of bases under the work's noise, each with the evidence that it had beside those before it."""
-    fitted = Chosen(left=work.residual)
-    for basis in bases:
-        item = work.candidate(basis)
-        gain, item.width = evidence(item.gram, item.vectors @ fitted.left, basis.prior)
-        item.gain = gain - basis.price
-        if item.gain > 0.0:
-            trial = joint(work, [*fitted.terms, item])
-            fitted = trial if trial.held > fitted.held else fitted
-    return fitted
 
 
 def law_of(chosen: Chosen, data: ChannelData) -> Law:

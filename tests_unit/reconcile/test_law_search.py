@@ -2,11 +2,14 @@
 
 import numpy as np
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
 
 from arl_fixtures.reconcile.columns import Columns, FloatArray
-from arl_fixtures.reconcile.law import Axis, Law
+from arl_fixtures.reconcile.law import Axis, Law, thresholds
 from arl_fixtures.reconcile.law_basis import MAP_KNOTS, curve_axis, map_of, members
-from arl_fixtures.reconcile.law_search import Chosen, is_law, search_law
+from arl_fixtures.reconcile.law_fit import Chosen
+from arl_fixtures.reconcile.law_search import is_law, search_law
 from arl_fixtures.reconcile.law_work import evidence
 from arl_fixtures.reconcile.locate import locate
 from arl_fixtures.reconcile.pilot import Looker
@@ -89,9 +92,35 @@ def test_a_wave_that_only_joins_the_levels_that_were_measured_is_no_law(problem_
         columns["distance_m"] = columns["distance_m"] + 2e-3 * sign * np.where(columns["pixel_v"] < 16, 1.0, -1.0)
 
     looker, data = problem_of(52, uneven, steps=28)
-    _, chosen, _ = searched(looker, data)
+    _, chosen, _ = searched(looker, data, "tof_temperature_c", "elevation_deg")
     assert is_law(chosen)
     assert [t.basis.waves for t in chosen.terms if t.basis.waves] == []
+
+
+def test_a_jump_between_two_temperatures_is_placed_between_them_and_predicts_others(problem_of, make_table):
+    def hop(columns, _rng):
+        columns["distance_m"] = columns["distance_m"] + 4e-3 * (columns["housing_temperature_c"] > 46.0)
+
+    looker, data = problem_of(61, hop, steps=8)
+    law, chosen, _ = searched(looker, data)
+    assert is_law(chosen)
+    made = []
+    for degrees in (30.0, 41.0, 51.0, 60.0):  # 36 and 57 °C were measured
+        shifted = {n: degrees + (9.0 if n == "tof_temperature_c" else 0.0) for n in law.drivers if "temperature" in n}
+        assert set(shifted) == set(law.drivers)
+        made.append(law.correction({n: np.array([x]) for n, x in shifted.items()}, np.ones(1))[0])
+    assert np.ptp(made) == pytest.approx(4e-3, rel=0.2)
+
+
+@given(st.lists(st.floats(-50.0, 150.0), min_size=2, max_size=9, unique=True), st.integers(0, 9))
+def test_a_column_of_few_levels_is_parted_between_them(levels, seed):
+    levels = sorted(levels)
+    assume(np.min(np.diff(levels)) > 0.1 * (levels[-1] - levels[0]))
+    spread = np.random.default_rng(seed).uniform(-1e-3, 1e-3, 20 * len(levels))
+    values = np.repeat(levels, 20) + spread * np.ptp(levels)
+    parted = thresholds(values, (0.5,))
+    assert len(parted) == len(levels) - 1
+    assert np.all(np.searchsorted(levels, parted) == np.arange(1, len(levels)))
 
 
 def test_a_pattern_that_every_step_has_anew_has_a_place_but_no_law(problem_of):

@@ -1,0 +1,125 @@
+"""Terms of a law fitted together, and what they tell of rows and levels that took no part."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.law_basis import Basis
+from arl_fixtures.reconcile.law_work import Candidate, Work, evidence
+
+BETWEEN_SHARE = 0.25
+"""Share of what a wave gains on unseen blocks that it must gain on levels of its columns that it has not seen."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Chosen:
+    """Terms in the law, with their joint fit.
+
+    Attributes:
+        held: log-likelihood gained on unseen blocks.
+        z: its significance over blocks.
+        inside: the same on the rows of the fit itself.
+        left: whitened residual; freedom: parameters that the fit used up, and what their choice is worth.
+    """
+
+    terms: list[Candidate] = field(default_factory=list)
+    values: list[FloatArray] = field(default_factory=list)
+    errors: list[FloatArray] = field(default_factory=list)
+    held: float = 0.0
+    z: float = 0.0
+    left: FloatArray = field(default_factory=lambda: np.zeros(0))
+    freedom: float = 0.0
+    inside: float = 0.0
+    likelier: float = 0.0
+
+
+def joint(work: Work, terms: list[Candidate]) -> Chosen:
+    """Fit terms together with their widths, and let every fold be predicted by the others."""
+    if not terms:
+        return Chosen(left=work.residual)
+    vectors, precision = _stacked(terms)
+    gram, score = vectors @ vectors.T, vectors @ work.residual
+    inverse = np.linalg.inv(gram + precision + _ridge(gram))
+    values = inverse @ score
+    predicted = _cross_predicted(work, vectors, precision, work.fold)
+    gains = np.bincount(work.block, 0.5 * (work.residual**2 - (work.residual - predicted) ** 2))
+    spread = float(np.sqrt(np.sum((gains - gains.mean()) ** 2)))
+    split = np.cumsum([len(t.vectors) for t in terms])[:-1]
+    errors = np.sqrt(np.maximum(np.diag(inverse), 0.0))
+    left = work.residual - values @ vectors
+    return Chosen(
+        terms=terms, values=np.split(values, split), errors=np.split(errors, split), held=float(gains.sum()),
+        z=float(gains.sum()) / spread if spread > 0 else 0.0, left=left,
+        inside=0.5 * float(work.residual @ work.residual - left @ left),
+        freedom=float(np.trace(inverse @ gram)) + sum(t.basis.price for t in terms),
+    )  # fmt: skip
+
+
+def _stacked(terms: list[Candidate]) -> tuple[FloatArray, FloatArray]:
+    """Vectors of all terms, and the precision that the widths of their priors give them."""
+    vectors = np.concatenate([t.vectors for t in terms])
+    precision = np.zeros((len(vectors), len(vectors)))
+    start = 0
+    for t in terms:
+        k = len(t.vectors)
+        if t.basis.prior is not None and t.width > 0:
+            precision[start : start + k, start : start + k] = np.linalg.inv(t.basis.prior + 1e-9 * np.eye(k)) / (
+                t.width**2
+            )
+        start += k
+    return vectors, precision
+
+
+def _ridge(gram: FloatArray) -> FloatArray:
+    return np.asarray(1e-9 * max(float(np.trace(gram)) / len(gram), 1e-6) * np.eye(len(gram)))
+
+
+def _cross_predicted(work: Work, vectors: FloatArray, precision: FloatArray, fold: IntArray) -> FloatArray:
+    """What the other folds say of each fold's rows, whitened."""
+    gram, score = vectors @ vectors.T, vectors @ work.residual
+    ridge = _ridge(gram)
+    predicted = np.zeros(len(work.residual))
+    for k in np.unique(fold):
+        test = fold == k
+        inside = vectors[:, test]
+        part = gram - inside @ inside.T
+        rest = score - inside @ work.residual[test]
+        predicted[test] = np.linalg.solve(part + precision + ridge, rest) @ inside
+    return predicted
+
+
+def holds_between(work: Work, chosen: Chosen, trial: Chosen) -> bool:
+    """Whether a wave also tells levels of its columns that took no part in the fit: between levels it may be any."""
+    newest = trial.terms[-1].basis
+    for column in newest.columns if newest.waves else ():
+        fold = work.levels_of(column)
+        if fold is None:
+            continue
+        before = _told(work, chosen.terms, fold) if chosen.terms else 0.0
+        if _told(work, trial.terms, fold) - before < BETWEEN_SHARE * (trial.held - chosen.held):
+            return False
+    return True
+
+
+def _told(work: Work, terms: list[Candidate], fold: IntArray) -> float:
+    """Log-likelihood that terms gain where every fold is predicted by the others."""
+    vectors, precision = _stacked(terms)
+    predicted = _cross_predicted(work, vectors, precision, fold)
+    return 0.5 * float(np.sum(work.residual**2 - (work.residual - predicted) ** 2))
+
+
+def confirm(work: Work, bases: Sequence[Basis]) -> Chosen:
+    """The joint fit of bases under the work's noise, each with the evidence that it had beside those before it."""
+    fitted = Chosen(left=work.residual)
+    for basis in bases:
+        item = work.candidate(basis)
+        gain, item.width = evidence(item.gram, item.vectors @ fitted.left, basis.prior)
+        item.gain = gain - basis.price
+        if item.gain > 0.0:
+            trial = joint(work, [*fitted.terms, item])
+            fitted = trial if trial.held > fitted.held else fitted
+    return fitted
