@@ -93,7 +93,9 @@ def circle_plan(geometry: Geometry) -> CirclePlan | None:
     size = geometry.surface[0].size
     angle = index // size
     most = int(place.max()) + 1
-    names, owner = np.unique((angle * len(boards) + board) * most + place, return_inverse=True)
+    name = (angle * len(boards) + board) * most + place
+    occurs = np.bincount(name) > 0
+    names, owner = np.flatnonzero(occurs), (np.cumsum(occurs) - 1)[name]
     circles = _circle_field(geometry, names, most)
     inside = _fits(geometry, circles)
     kept = inside[owner]
@@ -102,11 +104,8 @@ def circle_plan(geometry: Geometry) -> CirclePlan | None:
     if not index.size:
         return None
     circles = _circle_field(geometry, names[inside], most)
-    counts = _white_counts(geometry)
     background = tuple(cells.background for cells in found)
     row, column = np.divmod(index % size, geometry.dut.columns)
-    twin = geometry.intensity_counts.ravel().astype(np.float64) - geometry.dut.offset_counts
-    twin /= counts * np.tile(_beam(geometry).ravel(), len(geometry.stage_angle_deg))
     plan = CirclePlan(
         circles=circles,
         index=index,
@@ -114,13 +113,18 @@ def circle_plan(geometry: Geometry) -> CirclePlan | None:
         u=column.astype(np.float64),
         v=row.astype(np.float64),
         background=background,
-        scale=counts[index],
-        background_scale=tuple(counts[pixels] for pixels in background),
+        scale=_white_counts(geometry, index),
+        background_scale=tuple(_white_counts(geometry, pixels) for pixels in background),
         twin=np.empty((0, 2)),
         contrast=np.empty(0),
     )
-    level = np.array([np.median(twin[pixels]) if pixels.size else np.nan for pixels in background])
-    moments, contrast = _moments(plan, twin[index] - level[circles.board[owner]])
+    level = np.array(
+        [
+            np.median(_brightness(geometry, pixels, scale)) if pixels.size else np.nan
+            for pixels, scale in zip(background, plan.background_scale, strict=True)
+        ]
+    )
+    moments, contrast = _moments(plan, _brightness(geometry, index, plan.scale) - level[circles.board[owner]])
     return replace(plan, twin=moments, contrast=contrast)
 
 
@@ -243,16 +247,20 @@ def _fits(geometry: Geometry, circles: CircleField) -> BoolArray:
     return inside
 
 
-def _white_counts(geometry: Geometry) -> Float64Array:
-    """Counts of a white surface in the beam's full power at each pixel and angle, (n·H·W,)."""
-    shading = (
-        geometry.cos_incidence.astype(np.float64) * (geometry.dut.reference_range_m / geometry.true_range_m) ** 2
-    )
-    return (geometry.dut.full_scale_counts * shading).ravel()
+def _white_counts(geometry: Geometry, pixels: Int64Array) -> Float64Array:
+    """Counts of a white surface in the beam's full power at some of the pixels, flat indices into (n, H, W)."""
+    cos_incidence = geometry.cos_incidence.ravel()[pixels].astype(np.float64)
+    # the range stays in single precision until it is squared, as in the expectation itself
+    shading = cos_incidence * (geometry.dut.reference_range_m / geometry.true_range_m.ravel()[pixels]) ** 2
+    return geometry.dut.full_scale_counts * shading
 
 
-def _beam(geometry: Geometry) -> Float64Array:
-    return geometry.dut.gain * geometry.power.astype(np.float64)
+def _brightness(geometry: Geometry, pixels: Int64Array, scale: Float64Array) -> Float64Array:
+    """The twin's reflectance at some of the pixels, where a white surface has `scale` counts in the full beam."""
+    counts = geometry.intensity_counts.ravel()[pixels].astype(np.float64) - geometry.dut.offset_counts
+    beam = geometry.dut.gain * geometry.power.astype(np.float64).ravel()
+    brightness: Float64Array = counts / (scale * beam[pixels % beam.size])
+    return brightness
 
 
 def _moments(plan: CirclePlan, above: Float64Array) -> tuple[Float64Array, Float64Array]:

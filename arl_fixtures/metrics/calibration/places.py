@@ -128,15 +128,14 @@ def influence(
     names, in_v, changes, shares = [], [], [], []
     for axis, dense in enumerate(design):
         q = dense.shape[1]
-        own = angle + q
-        slope = stage[:, axis]
-        # rows of A C; a centre depends on its own stage angle only
-        spread = dense @ inverse[:q] + slope[:, None] * inverse[own]
         order = np.argsort(place[:, axis], kind="stable")
         found, first = np.unique(place[order, axis], return_index=True)
         for centres in np.split(order, first[1:]):
-            rows = spread[centres]
-            hat = rows[:, :q] @ dense[centres].T + rows[:, own[centres]] * slope[centres]
+            # a centre depends on its own stage angle only: columns of A C that its place needs, and no others
+            rest, own, slope = dense[centres], angle[centres] + q, stage[centres, axis]
+            rows = rest @ inverse[:q, :q] + slope[:, None] * inverse[own, :q]
+            by_angle = rest @ inverse[:q, own] + slope[:, None] * inverse[own[:, None], own]
+            hat = rows @ rest.T + by_angle * slope
             try:
                 free = np.linalg.solve(np.eye(len(centres)) - hat, residuals[centres, axis])
             except np.linalg.LinAlgError:
