@@ -89,16 +89,18 @@ class CircleField:
         place = place + [off.get(f"mount.{axis}", 0.0) for axis in MOUNT_POSITION]
         moved = np.array([[off.get(f"{board}.{axis}", 0.0) for axis in TARGET_POSITION] for board in self.boards])
         radial_m, aside_m, up_m = (moved[self.board] + np.stack([self.radius_m, self.aside_m, self.up_m], axis=1)).T
-        azimuth = np.radians(self.azimuth_deg + self.stage_angle_deg + turned_deg)
-        points = np.stack(
-            [
-                radial_m * np.cos(azimuth) - aside_m * np.sin(azimuth),
-                radial_m * np.sin(azimuth) + aside_m * np.cos(azimuth),
-                up_m,
-            ],
-            axis=1,
-        )
+        cosine, sine = self._facing if turned_deg == 0.0 else self._turned(turned_deg)
+        points = np.stack([radial_m * cosine - aside_m * sine, radial_m * sine + aside_m * cosine, up_m], axis=1)
         return project(camera, (points - place) @ to_stage(tilted))
+
+    @cached_property
+    def _facing(self) -> tuple[Float64Array, Float64Array]:
+        return self._turned(0.0)
+
+    def _turned(self, turned_deg: float) -> tuple[Float64Array, Float64Array]:
+        """Cosine and sine of each target's azimuth in the stage's frame, (m,) each."""
+        azimuth = np.radians(self.azimuth_deg + self.stage_angle_deg + turned_deg)
+        return np.cos(azimuth), np.sin(azimuth)
 
     @cached_property
     def jacobian(self) -> Float64Array:

@@ -78,8 +78,9 @@ class Centres:
 
 def circle_plan(geometry: Geometry) -> CirclePlan | None:
     """Everything about the circles that does not depend on the recording; None where no circle fits the image."""
+    rays = centre_rays(geometry.dut)
     found = [
-        _cells(geometry, number, panel, panel.circles)
+        _cells(geometry, number, panel, panel.circles, rays)
         for number, panel in enumerate(geometry.scene.panels, start=1)
         if panel.circles is not None
     ]
@@ -177,9 +178,8 @@ class _Cells:
     background: Int64Array
 
 
-def _cells(geometry: Geometry, number: int, panel: Panel, grid: CircleGrid) -> _Cells:
+def _cells(geometry: Geometry, number: int, panel: Panel, grid: CircleGrid, rays: Float64Array) -> _Cells:
     dut = geometry.dut
-    rays = centre_rays(dut)
     index = np.flatnonzero((geometry.surface == number).ravel())
     angle, pixel = np.divmod(index, len(rays))
     view = view_panel(dut, rays, panel, geometry.stage_angle_deg[angle], pixel)
