@@ -20,6 +20,7 @@ from arl_fixtures.bench.bench import Bench
 from arl_fixtures.bench.build import open_bench
 from arl_fixtures.bench.config import load_bench
 from arl_fixtures.bench.ports import UdpPort
+from arl_fixtures.errors import DeviceTimeoutError
 from arl_fixtures.journal import entries
 from arl_fixtures.journal.journal import Journal
 from arl_fixtures.journal.record import read_journal
@@ -96,8 +97,13 @@ def begin(bench: Bench) -> entries.SessionBegin:
     return entries.SessionBegin(campaign="load", cycles=(0,), plan=(), identity=identity, environment={})
 
 
-def record_one_bag(bench: Bench, journal: Journal, folder: Path, number: int, until_s: float) -> int:
-    """Frames of all DUTs into one bag until a bench time; returns how many frame sets that were."""
+def record_one_bag(
+    bench: Bench, journal: Journal, folder: Path, number: int, until_s: float, unanswered: list[float]
+) -> int:
+    """Frames of all DUTs into one bag until a bench time; returns how many frame sets that were.
+
+    Emulators that get no processor for seconds do not answer: noted in `unanswered`, as a cycle would ask again.
+    """
     step_id = f"load-{number:03d}"
     journal.append(
         entries.StepBegin(step_id=step_id, attempt=1, cycle=0, step_index=number, set_temperature_c=23.0, ramp=1)
@@ -128,7 +134,10 @@ def record_one_bag(bench: Bench, journal: Journal, folder: Path, number: int, un
             for serial, block in blocks.items():
                 bag.block(block)
                 statistics[serial].add(block)
-            bench.turn()
+            try:
+                bench.turn()
+            except DeviceTimeoutError:
+                unanswered.append(bench.clock.now_s)
             sets += 1
         receipt = bag.close()
     verify(receipt.path, receipt.sha256)
@@ -160,12 +169,12 @@ def main(minutes: float = 10.0) -> None:
                 break
         eater = multiprocessing.get_context("spawn").Process(target=eat_one_core, daemon=True)
         eater.start()
-        bench = open_bench(load_bench(str(file)))
         try:
+            bench = open_bench(load_bench(str(file)))
             for name, value in measured(bench, folder, minutes).items():
                 print(f"{name}: {value}")
-        finally:
             bench.close()
+        finally:
             eater.terminate()
             emulators.terminate()
             emulators.wait()
@@ -183,10 +192,11 @@ def measured(bench: Bench, folder: Path, minutes: float) -> dict[str, object]:
     before = {serial: status.counts for serial, status in receiver.status().items()}
     cpu_s, start_s = sum(os.times()[:2]), bench.clock.now_s
     end_s = start_s + 60.0 * minutes
-    sets, memory = 0, []
+    sets, memory, unanswered = 0, [], []
     with Journal.create(folder / "session-0001.jsonl", begin(bench), bench.clock) as journal:
         for number in range(max(1, round(60.0 * minutes / BAG_S))):
-            sets += record_one_bag(bench, journal, folder, number, min(start_s + (number + 1) * BAG_S, end_s))
+            until_s = min(start_s + (number + 1) * BAG_S, end_s)
+            sets += record_one_bag(bench, journal, folder, number, until_s, unanswered)
             memory.append(round(resident_mib(), 1))
     cpu_s = sum(os.times()[:2]) - cpu_s
     record = read_journal(folder / "session-0001.jsonl")
@@ -211,6 +221,7 @@ def measured(bench: Bench, folder: Path, minutes: float) -> dict[str, object]:
         "datagrams lost after the kernel had them": port.overrun,
         "datagrams the kernel had no room for": kernel_drops(port.bound_port) - drops,
         **lost,
+        "devices that did not answer in time": len(unanswered),
         "bags whole": sum(step.finished for step in record.steps.values()),
         "journal lines": len(record.lines),
         "processors used by the receiver": round(cpu_s / duration_s, 2),
