@@ -14,7 +14,7 @@ from arl_fixtures.report.drawing import MARKERS, SHADES, drawn, label
 from arl_fixtures.report.figures import limit_lines
 from arl_fixtures.report.lifetime import Equivalent, LifetimeModel, Stress, fatigue, rate
 from arl_fixtures.report.series import FALSE_DISCOVERIES, Series, series_over
-from arl_fixtures.report.text import half_width, limit_text, metric_text, shown, unbroken, unit_text
+from arl_fixtures.report.text import half_width, limit_text, metric_text, shown, unbroken, unit_text, with_unit
 from arl_fixtures.report.trend import FEWEST_CYCLES, HORIZON, Law
 
 if TYPE_CHECKING:
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DAYS_A_YEAR: Final = 365.25
+LEAST_Q: Final = 0.001
+"""Nobody decides otherwise for a false discovery rate below this."""
 PANELS: Final = 4
 """Of one drawing: two rows of drawings fill a page."""
 
@@ -73,15 +75,15 @@ def _method(temperatures_c: Sequence[float], count: int) -> str:
 
 def _table(moving: Sequence[Series]) -> Table:
     return Table(
-        header=("DUT", "Metric", "At", "Law", "Per cycle now", "Limit", "Cycle at the limit (95 %)", "q"),
+        header=("DUT", "Metric", "At", "Law", "Per cycle now", "Limit", "Cycle at the limit (95\u00a0%)", "q"),
         rows=tuple(_trend_row(each) for each in moving),
-        weights=(1.5, 2.3, 0.9, 1.5, 1.5, 1.4, 2.0, 0.9),
+        weights=(1.5, 3.3, 0.8, 1.3, 1.4, 1.3, 1.9, 0.8),
         note="q: false discovery rate at which the trend is just reported. Cycles are counted from cycle 0.",
     )
 
 
 def _trend_row(each: Series) -> tuple[Cell, ...]:
-    fit, unit = each.trend, unit_text(each.limit.unit)
+    fit = each.trend
     assert fit is not None
     newest = float(max(each.points))
     law = "straight line" if fit.law is Law.LINEAR else f"power law, exponent {fit.exponent:.2f}"
@@ -89,12 +91,12 @@ def _trend_row(each: Series) -> tuple[Cell, ...]:
     return (
         Cell(shown(each.dut)),
         Cell(metric_text(each.metric, each.scope)),
-        Cell(f"{each.temperature_c:g} °C"),
+        Cell(unbroken(f"{each.temperature_c:g} °C")),
         Cell(law),
-        Cell(f"{per_cycle:+.3g} {unit}".rstrip()),
+        Cell(unbroken(with_unit(f"{per_cycle:+.3g}", each.limit.unit))),
         Cell(limit_text(each.limit)),
         crossing_cell(each),
-        Cell(f"{each.q:.1g}"),
+        Cell(f"{each.q:.1g}" if each.q >= LEAST_Q else unbroken(f"< {LEAST_Q:g}")),
     )
 
 

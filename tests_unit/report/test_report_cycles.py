@@ -213,7 +213,7 @@ def test_a_trend_in_the_cold_alone_is_found_and_drawn(tmp_path):
             lines += step_of(cycle, index, temperature_c, value(name, "SN-1", number))
     report = report_of(journal(tmp_path, lines, plan, cycles=range(10)))
     (row,) = next(block for block in section(report, "Trends over cycles").blocks if isinstance(block, Table)).rows
-    assert row[2].text == "-10 °C"
+    assert row[2].text == "-10\u00a0°C"
     assert {"trends-1-1.svg", "trends-2-1.svg"} <= set(report.pictures)
 
 
