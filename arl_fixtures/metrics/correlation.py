@@ -148,7 +148,7 @@ def _pair(
         signal=signal, metric=metric, rho=nan, low=nan, high=nan, p=nan, q=nan, steps=n, effective_steps=nan
     )
     if n < FEWEST_STEPS + len(given):
-        return replace(nothing, reason=f"{n} steps with both values; at least {FEWEST_STEPS + len(given)}")
+        return replace(nothing, reason=f"{n} steps hold both values, and {FEWEST_STEPS + len(given)} are needed")
     ranks = [rankdata(values[known]).astype(np.float64) for values in (x, y)]
     ranks = [
         _without(rank, [rankdata(values[known]).astype(np.float64) for values in given.values()]) for rank in ranks
