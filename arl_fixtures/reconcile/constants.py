@@ -53,16 +53,16 @@ def _shrunk(d: ChannelData, residual: FloatArray) -> tuple[FloatArray, FloatArra
     d.rebuild(kept)
     step = next((level for level in d.levels if level.name == "step"), None)
     if step is not None and step.floor > 0.0 and not step.declared:
-        errors = _errors_by_steps(d, residual, step)
+        values, errors = _by_steps(d, residual, step)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(values != 0.0, 1.0 - (errors / values) ** 2, 0.0)
     return values * np.clip(np.nan_to_num(share), 0.0, 1.0), errors
 
 
-def _errors_by_steps(d: ChannelData, residual: FloatArray, step: Level) -> FloatArray:
-    """Errors of the units' constants from how steps differ, where these are too few to tell their scatter."""
+def _by_steps(d: ChannelData, residual: FloatArray, step: Level) -> tuple[FloatArray, FloatArray]:
+    """Constants of the units from the means of their steps, where these are too few to tell their scatter."""
     weight = d.root_weight**2
-    errors = np.zeros(d.units)
+    values, errors = np.zeros(d.units), np.zeros(d.units)
     for unit in range(d.units):
         rows = d.unit == unit
         power = np.bincount(step.code[rows], (weight * d.scale**2)[rows], minlength=step.count)
@@ -71,5 +71,5 @@ def _errors_by_steps(d: ChannelData, residual: FloatArray, step: Level) -> Float
         means = sums[there] / power[there]
         white = 1.0 / np.sqrt(float(np.sum(power)))
         scatter = float(np.std(means, ddof=1)) / np.sqrt(len(means)) if len(means) > 1 else 0.0
-        errors[unit] = max(white, scatter)
-    return errors
+        values[unit], errors[unit] = float(np.sum(sums) / np.sum(power)), max(white, scatter)
+    return values, errors

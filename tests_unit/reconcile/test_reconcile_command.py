@@ -70,6 +70,22 @@ def test_what_a_faint_effect_shifts_on_average_is_predicted_for_each_unit(tmp_pa
         assert abs(np.mean((made - truth)[rows])) < 0.5 * np.mean(truth[rows])
 
 
+@pytest.mark.parametrize("seed", [2, 4])
+def test_a_constant_over_few_steps_is_that_of_their_means(tmp_path, make_table, save, walk, seed):
+    def uneven(columns, rng):  # pixels differ, and nothing declares what steps share
+        walk(columns, rng)
+        offset_m = np.random.default_rng(seed).normal(0.0, 1e-3, (32, 128))
+        columns["distance_m"] += offset_m[columns["pixel_v"].astype(int), columns["pixel_u"].astype(int)]
+
+    few = {n: v for n, v in make_table(seed, uneven, steps=4, duts=1).items() if not n.endswith("repeat_std")}
+    reconcile(save(tmp_path / "t.parquet", few), tmp_path / "out")
+    fresh = make_table(79, uneven, duts=1)
+    truth = fresh["distance_m"] - make_table(79, duts=1)["distance_m"]
+    predict(tmp_path / "out", save(tmp_path / "new.parquet", fresh), tmp_path / "p.parquet")
+    made = column(tmp_path / "p.parquet", "corrected_distance_m") - fresh["sim_distance_m"]
+    assert abs(np.mean(made - truth)) < 0.3 * np.mean(truth)
+
+
 def test_what_no_effect_explains_is_unknown_with_its_drivers_and_still_predicts(tmp_path, make_table, save, parity):
     diagnosis = reconcile(save(tmp_path / "t.parquet", make_table(3, parity)), tmp_path / "out")
     first = diagnosis.findings[0]
