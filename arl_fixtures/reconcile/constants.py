@@ -60,7 +60,10 @@ def _shrunk(d: ChannelData, residual: FloatArray) -> tuple[FloatArray, FloatArra
 
 
 def _by_steps(d: ChannelData, residual: FloatArray, step: Level) -> tuple[FloatArray, FloatArray]:
-    """Constants of the units from the means of their steps, where these are too few to tell their scatter."""
+    """Constants of the units from the means of their steps, where these are too few to tell their scatter.
+
+    A single step may be off by itself: its constant tells nothing of others, its error is infinite.
+    """
     weight = d.root_weight**2
     values, errors = np.zeros(d.units), np.zeros(d.units)
     for unit in range(d.units):
@@ -70,6 +73,6 @@ def _by_steps(d: ChannelData, residual: FloatArray, step: Level) -> tuple[FloatA
         there = power > 0.0
         means = sums[there] / power[there]
         white = 1.0 / np.sqrt(float(np.sum(power)))
-        scatter = float(np.std(means, ddof=1)) / np.sqrt(len(means)) if len(means) > 1 else 0.0
+        scatter = float(np.std(means, ddof=1)) / np.sqrt(len(means)) if len(means) > 1 else np.inf
         values[unit], errors[unit] = float(np.sum(sums) / np.sum(power)), max(white, scatter)
     return values, errors

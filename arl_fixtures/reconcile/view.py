@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from arl_fixtures.reconcile.columns import Channel, Columns
 from arl_fixtures.reconcile.effect import State
@@ -24,6 +25,8 @@ _STEP = ("dut", "cycle", "step")
 _FRAME = (*_STEP, "stage_angle_deg")
 _PIXEL = ("pixel_u", "pixel_v")
 _DENSE_CELLS = 20_000_000
+_REACH_PX = 3.0
+"""How far from a place a pixel may lie to stand for one that the table does not hold: less than a target's width."""
 
 
 class View:
@@ -171,7 +174,8 @@ class View:
     ) -> FloatArray:
         """Value at the pixel mirrored about (u0, v0), linear between pixel centres; NaN outside the table's image.
 
-        With `flip_u=False` or `flip_v=False` the image is mirrored about one axis only.
+        For a pixel that the table does not hold stands the nearest one within `_REACH_PX`. With `flip_u=False` or
+        `flip_v=False` the image is mirrored about one axis only.
         """
         u, v = self._whole_axis("pixel_u")[self.rows], self._whole_axis("pixel_v")[self.rows]
         target_u = 2.0 * u0 - u if flip_u else u
@@ -185,7 +189,7 @@ class View:
                 share = share_u * share_v
                 if not np.any(share > 1e-9):
                     continue
-                value = self.take(state, channel, self._image_place(low_u + step_u, low_v + step_v))
+                value = self.take(state, channel, self._image_place(low_u + step_u, low_v + step_v, near=True))
                 good = np.isfinite(value) & (share > 1e-9)
                 total[good] += (share * np.nan_to_num(value))[good]
                 weight[good] += share[good]
@@ -281,8 +285,8 @@ class View:
         values = self.columns.numbers.get(name)
         return np.zeros(self.columns.n) if values is None or not np.isfinite(values).any() else values
 
-    def _image_place(self, u: FloatArray, v: FloatArray) -> IntArray:
-        """Whole-table row of pixel (u, v) in each row's own image; −1 where there is none."""
+    def _image_place(self, u: FloatArray, v: FloatArray, *, near: bool = False) -> IntArray:
+        """Whole-table row of pixel (u, v) in each row's own image; −1 where there is none (`near`: none close by)."""
         table = self.columns
         all_u, all_v = self._whole_axis("pixel_u"), self._whole_axis("pixel_v")
         u_low, v_low = int(np.nanmin(all_u)), int(np.nanmin(all_v))
@@ -292,11 +296,27 @@ class View:
         wanted: IntArray = np.where(inside, np.nan_to_num(target, nan=0.0), 0.0).astype(np.int64)
         cells = (int(table.group(*_FRAME).max()) + 1) * height * width
         if cells <= _DENSE_CELLS:
-            return np.where(inside, self._image_grid(cells, u_low, v_low, width, height)[wanted], -1)
+            grid = self._image_grid(cells, u_low, v_low, width, height)
+            return np.where(inside, (self._filled(grid, width, height) if near else grid)[wanted], -1)
         order, ranked = self._image_order(u_low, v_low, width, height)
         place = np.searchsorted(ranked, wanted)
         place[place == table.n] = 0
         return np.where((ranked[place] == wanted) & inside, order[place], -1)
+
+    def _filled(self, grid: IntArray, width: int, height: int) -> IntArray:
+        """The grid, its empty cells with the row of the nearest pixel of the same image within `_REACH_PX`."""
+        relations = self.columns._relations
+        if ("image", "filled") not in relations:
+            images = grid.reshape(-1, height, width)
+            filled = images.copy()
+            for image, into in zip(images, filled, strict=True):
+                empty = image < 0
+                if empty.any() and not empty.all():
+                    away, (row, column) = distance_transform_edt(empty, return_indices=True)
+                    close = away <= _REACH_PX
+                    into[close] = image[row[close], column[close]]
+            relations["image", "filled"] = filled.ravel()
+        return relations["image", "filled"]
 
     def _image_cell(self, u_low: int, v_low: int, width: int, height: int) -> IntArray:
         """Cell (image, row, column) of every row of the whole table; −1 where the pixel is not known."""

@@ -227,6 +227,17 @@ def test_ghost_adds_the_image_turned_by_half_a_turn():
     np.testing.assert_allclose(state[LIGHT][order], turned, rtol=1e-9)
 
 
+def test_a_ghost_reaches_pixels_whose_mirror_image_the_table_does_not_hold():
+    u, v, light, far = image_of()
+    kept = np.random.default_rng(4).uniform(size=light.shape) < 0.5
+    view = image_view(light[kept], far[kept], u[kept], v[kept])
+    state = corrected(view, variant_of(view, "optics.ghost", flip="point"), share=0.05, centre_u=51.5, centre_v=15.5)
+    true = 0.05 * light[::-1, ::-1][kept]
+    order = np.lexsort((view.number("pixel_u"), view.number("pixel_v")))
+    added = (state[LIGHT] - view.sim[LIGHT])[order]
+    assert np.mean((added - true) ** 2) < 0.3 * np.mean(true**2)  # without neighbours half of it is missing
+
+
 def test_defocus_blurs_like_a_gaussian_filter_on_a_finer_image():
     fine_v, fine_u = np.mgrid[0 : 16 * 9, 0 : 24 * 9] / 9.0
     fine = np.where(np.hypot(fine_u - 10.2, fine_v - 7.6) < 4.0, 3000.0, 200.0)
