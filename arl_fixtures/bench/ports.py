@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import socket
+import struct
+import sys
 import threading
 import time
 from collections import deque
+from collections.abc import Iterable
 from typing import Final, final
 from urllib.parse import parse_qsl, urlsplit
 
@@ -19,6 +22,10 @@ CONNECT_TIMEOUT_S: Final = 3.0
 WRITE_TIMEOUT_S: Final = 2.0
 RECEIVE_BUFFER_BYTES: Final = 16_000_000
 """What the vendor's own UDP node asks for; the kernel grants at most its `net.core.rmem_max`."""
+SO_TIMESTAMPNS: Final = 35
+"""Linux: the kernel says when each datagram arrived (socket(7)); Python has no name for it."""
+LONGEST_UNREAD_S: Final = 60.0
+"""A datagram that seems to have waited longer tells of a wall clock that was set."""
 
 
 @final
@@ -143,7 +150,8 @@ class UdpPort:
     """A UDP socket with a thread that empties the kernel's buffer all the time.
 
     A busy test process must not lose packets that the kernel has received, and the kernel keeps only some tens
-    of milliseconds of three sensors; the thread keeps `kept_datagrams` more.
+    of milliseconds of three sensors; the thread keeps `kept_datagrams` more. A datagram's time is that of its arrival
+    in the kernel where this tells it (Linux): one that was read late is not late.
 
     Args:
         name: URL as written, for messages.
@@ -165,6 +173,9 @@ class UdpPort:
         with contextlib.suppress(OSError, AttributeError):
             # beyond rmem_max, where the process may (CAP_NET_ADMIN)
             self._socket.setsockopt(socket.SOL_SOCKET, 33, RECEIVE_BUFFER_BYTES)
+        if sys.platform == "linux":
+            with contextlib.suppress(OSError):
+                self._socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         try:
             self._socket.bind((host, port))
         except OSError as error:
@@ -183,12 +194,12 @@ class UdpPort:
     def _empty_socket(self) -> None:
         while not self._stop.is_set():
             try:
-                payload, sender = self._socket.recvfrom(65536)
+                payload, about, _, sender = self._socket.recvmsg(65536, 256)
             except TimeoutError:
                 continue
             except OSError:
                 return
-            datagram = Datagram(payload, sender[0], self._clock.now_s)
+            datagram = Datagram(payload, sender[0], self._clock.now_s - _waited_s(about))
             with self._arrived:
                 self._queue.append(datagram)
                 if len(self._queue) > self._kept:
@@ -260,6 +271,16 @@ def host_and_port(url: str) -> tuple[str, int]:
     if not host or port is None:
         raise ConfigError(f"'{url}': expected {parts.scheme or 'tcp'}://HOST:PORT")
     return host, port
+
+
+def _waited_s(about: Iterable[tuple[int, int, bytes]]) -> float:
+    """How long a datagram lay in the kernel, from what came with it; 0 where the kernel says nothing."""
+    for level, kind, data in about:
+        if (level, kind) == (socket.SOL_SOCKET, SO_TIMESTAMPNS) and len(data) == struct.calcsize("@qq"):
+            seconds, nanoseconds = struct.unpack("@qq", data)
+            waited_s = (time.time_ns() - seconds * 1_000_000_000 - nanoseconds) * 1e-9
+            return waited_s if 0.0 <= waited_s < LONGEST_UNREAD_S else 0.0
+    return 0.0
 
 
 def _why(error: Exception) -> str:
