@@ -12,23 +12,28 @@ from arl_fixtures.reconcile.problem import ChannelData
 
 CONSTANT_Z = 3.5
 """Errors by which the constant of a channel without a finding must differ from nothing."""
+NAMED_ERRORS = 1.5
+"""Errors that a constant beside a name must exceed: a name's law brings its own zero, an empirical one none."""
 
 
 def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
     """Gain or offset of each unit that the fit needs beside the findings.
 
     What a finding changes on average is in the measurement, too, unless a calibration took it away: there the
-    constant belongs to the prediction as far as it exceeds its own error. Elsewhere it must be significant.
+    constant belongs to the prediction as far as it exceeds its own error (1.5 times that beside a name). Elsewhere it
+    must be significant.
     """
     problem = decision.problem
     state, untouched = decision.final_state(), problem.view.fresh_state()
+    lawful = {law.channel for law in decision.laws}
     result: dict[str, dict[str, float]] = {}
     code, keys = unit_keys(problem.view, problem.groups.unit_columns)
     for d in problem.data:
         if not d.calibrated:
             continue
         acted = not np.array_equal(state[d.channel.name], untouched[d.channel.name], equal_nan=True)
-        values, errors = (_shrunk if acted else _plain)(d, d.residual(state))
+        sure = 1.0 if d.channel.name in lawful else NAMED_ERRORS
+        values, errors = _shrunk(d, d.residual(state), sure) if acted else _plain(d, d.residual(state))
         found: dict[str, float] = {}
         for unit in range(d.units):
             first = d.use[np.flatnonzero(d.unit == unit)[0]]
@@ -45,8 +50,8 @@ def _plain(d: ChannelData, residual: FloatArray) -> tuple[FloatArray, FloatArray
     return d.constants_of(d.whitener(residual)), 1.0 / np.sqrt(d.intercept_weight)
 
 
-def _shrunk(d: ChannelData, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Constants of the units under the noise that is left, each less the share of it that its error may be."""
+def _shrunk(d: ChannelData, residual: FloatArray, sure: float) -> tuple[FloatArray, FloatArray]:
+    """Constants of the units under the noise that is left, each less the share of it that `sure` errors may be."""
     kept = d.tau
     d.rebuild(d.fit_scatter(residual)[1])
     values, errors = _plain(d, residual)
@@ -55,7 +60,7 @@ def _shrunk(d: ChannelData, residual: FloatArray) -> tuple[FloatArray, FloatArra
     if step is not None and step.floor > 0.0 and not step.declared:
         values, errors = _by_steps(d, residual, step)
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(values != 0.0, 1.0 - (errors / values) ** 2, 0.0)
+        share = np.where(values != 0.0, 1.0 - (sure * errors / values) ** 2, 0.0)
     return values * np.clip(np.nan_to_num(share), 0.0, 1.0), errors
 
 
