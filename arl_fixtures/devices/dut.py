@@ -40,11 +40,9 @@ class HflSettings(Hfl110Wire):
     """What the receiver believes about the sensors, beyond the bytes."""
 
     exposure_lead_s: float = Field(
-        default=FRAME_PERIOD_S,
-        ge=0,
-        le=1,
+        default=FRAME_PERIOD_S, ge=0, le=1,
         description="from the beginning of a frame's exposure to the arrival of its first packet",
-    )
+    )  # fmt: skip
     frame_timeout_s: float = Field(
         default=0.250, gt=0, description="an incomplete frame is given up when nothing of it has come for this long"
     )
@@ -257,10 +255,7 @@ class HflReceiver:
     def _sort(self, datagrams: Iterable[Datagram], from_s: float, *, heard_s: float) -> None:
         """Hand packets to their sensors and keep frames that began at or after `from_s` by their first packet.
 
-        Args:
-            datagrams: in the order of their arrival.
-            from_s: see above.
-            heard_s: time up to which all that arrived has been read.
+        All that arrived up to `heard_s` has been read.
         """
         packets: dict[str, list[tuple[bytes, float]]] = {address: [] for address in self._by_address}
         for payload, sender, time_s in datagrams:
@@ -387,10 +382,8 @@ class HflReceiver:
 
 def _repeats(previous: AssembledFrame | None, frames: Sequence[AssembledFrame]) -> bool:
     """Whether any frame carries the pixels of the one before it; `previous` was the last of the set before."""
-    before = [previous, *frames[:-1]]
-    return any(
-        first is not None and _same_pixels(first, second) for first, second in zip(before, frames, strict=True)
-    )
+    pairs = zip([previous, *frames[:-1]], frames, strict=True)
+    return any(first is not None and _same_pixels(first, second) for first, second in pairs)
 
 
 def _same_pixels(first: AssembledFrame, second: AssembledFrame) -> bool:
