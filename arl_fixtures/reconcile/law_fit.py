@@ -112,13 +112,19 @@ def _told(work: Work, terms: list[Candidate], fold: IntArray) -> float:
     return 0.5 * float(np.sum(work.residual**2 - (work.residual - predicted) ** 2))
 
 
+def weighed(work: Work, basis: Basis, left: FloatArray) -> Candidate:
+    """A basis with the width and the evidence that it has, less its price, beside the terms that leave `left`."""
+    item = work.candidate(basis)
+    gain, item.width = evidence(item.gram, item.vectors @ left, basis.prior)
+    item.gain = gain - basis.price
+    return item
+
+
 def confirm(work: Work, bases: Sequence[Basis]) -> Chosen:
     """The joint fit of bases under the work's noise, each with the evidence that it had beside those before it."""
     fitted = Chosen(left=work.residual)
     for basis in bases:
-        item = work.candidate(basis)
-        gain, item.width = evidence(item.gram, item.vectors @ fitted.left, basis.prior)
-        item.gain = gain - basis.price
+        item = weighed(work, basis, fitted.left)
         if item.gain > 0.0:
             trial = joint(work, [*fitted.terms, item])
             fitted = trial if trial.held > fitted.held else fitted

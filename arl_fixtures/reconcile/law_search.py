@@ -17,7 +17,7 @@ from arl_fixtures.reconcile.boosting import Binned, Boosted, bin_columns
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm, axes_of
 from arl_fixtures.reconcile.law_basis import UNLIKELY, Basis, is_proxy
-from arl_fixtures.reconcile.law_fit import Chosen, confirm, holds_between, joint
+from arl_fixtures.reconcile.law_fit import Chosen, confirm, holds_between, joint, weighed
 from arl_fixtures.reconcile.law_pool import distinct, pool_of, recurs
 from arl_fixtures.reconcile.law_shape import sharpened
 from arl_fixtures.reconcile.law_work import MOST_ROWS, Candidate, Work, evidence
@@ -183,10 +183,7 @@ def narrowed(work: Work, chosen: Chosen, factors: Sequence[Axis]) -> Chosen:
             waves = tuple((*product, factor) for product in basis.waves)
             axes = basis.axes if waves else (*basis.axes, factor)
             price = basis.price + (PRICE_MARK if is_mark else PRICE_FACTOR)
-            item = work.candidate(replace(basis, axes=axes, waves=waves, price=price))
-            gain, item.width = evidence(item.gram, item.vectors @ left, basis.prior)
-            item.gain = gain - price
-            offers.append(item)
+            offers.append(weighed(work, replace(basis, axes=axes, waves=waves, price=price), left))
         for item in sorted(offers, key=lambda item: -item.gain)[:MOST_OFFERS]:
             trial = joint(work, [*chosen.terms[:place], item, *chosen.terms[place + 1 :]])
             if trial.held > best.held + FURTHER_GAIN:

@@ -6,11 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.law import thresholds
-from arl_fixtures.reconcile.law_basis import Basis
-from arl_fixtures.reconcile.law_fit import Chosen, joint
-from arl_fixtures.reconcile.law_work import Candidate, Work, evidence
+from arl_fixtures.reconcile.law_fit import Chosen, joint, weighed
+from arl_fixtures.reconcile.law_work import Work
 
 PLACES = tuple(np.linspace(0.04, 0.96, 24))
 """Shares of a column's rows at which a kink is tried."""
@@ -32,7 +30,7 @@ def sharpened(work: Work, chosen: Chosen) -> Chosen:
             for at in _places(work, axis.column):
                 axes = list(chosen.terms[place].basis.axes)
                 axes[number] = replace(axis, at=at)
-                item = _weighed(work, replace(chosen.terms[place].basis, axes=tuple(axes)), left)
+                item = weighed(work, replace(chosen.terms[place].basis, axes=tuple(axes)), left)
                 trial = joint(work, [*chosen.terms[:place], item, *chosen.terms[place + 1 :]])
                 if trial.held > max(best.held, chosen.held + LEAST_BETTER):
                     best = trial
@@ -43,11 +41,3 @@ def sharpened(work: Work, chosen: Chosen) -> Chosen:
 def _places(work: Work, column: str) -> list[float]:
     values = work.features[column]
     return thresholds(values[np.isfinite(values)], PLACES)
-
-
-def _weighed(work: Work, basis: Basis, left: FloatArray) -> Candidate:
-    """A basis with the width and the evidence that it has beside the other terms."""
-    item = work.candidate(basis)
-    gain, item.width = evidence(item.gram, item.vectors @ left, basis.prior)
-    item.gain = gain - basis.price
-    return item
