@@ -24,7 +24,7 @@ from arl_fixtures.metrics.geometry import GeometryCache
 from arl_fixtures.metrics.judge import judge
 from arl_fixtures.metrics.limits import load_limits
 from arl_fixtures.metrics.reference import Reference
-from arl_fixtures.metrics.registry import measure, remember
+from arl_fixtures.metrics.registry import expect, measure, remember
 from arl_fixtures.metrics.simulated import simulated_blocks
 from arl_fixtures.metrics.statistics import SweepStatistics
 from arl_fixtures.metrics.step import StepData
@@ -86,10 +86,10 @@ def main() -> int:
         store = Path(folder) / "cache"
         caches: dict[str, GeometryCache] = {}
         for label, fresh, rendered in (
-            ("very first step of a bench (expectation rendered)", True, False),
+            ("very first step of a bench from its bag, nothing rendered before", True, False),
             ("second step", False, False),
             ("third step", False, False),
-            ("very first step, expectation rendered before", True, True),
+            ("very first step of a bench in a session, expectation rendered while the stage turned back", True, True),
             ("first step of a later process (expectation on disk)", True, False),
         ):
             started = time.process_time()
@@ -97,8 +97,8 @@ def main() -> int:
                 caches = {dut.serial: GeometryCache(dut, store=None if rendered else store) for dut in DUTS}
             if rendered:
                 for cache in caches.values():
-                    cache.at(np.array(ANGLES_DEG))
-                print(f"rendering the expectation: {time.process_time() - started:.2f} s")
+                    expect(cache.at(np.array(ANGLES_DEG)))
+                print(f"rendering the expectation, while the stage turns back: {time.process_time() - started:.2f} s")
                 started = time.process_time()
             collected = collect(StepBag(bag).blocks(), [dut.serial for dut in DUTS])
             read_s = time.process_time() - started

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, TypeVar, final
@@ -54,6 +54,7 @@ class Geometry:
         renderer: the twin of the DUT.
         stage_angle_deg: (n,) angles.
         known: what `stored` gave of the same twin at the same angles; rendered where not given.
+        store: where `kept` keeps; None for nowhere.
 
     Attributes:
         stage_angle_deg: (n,).
@@ -71,7 +72,9 @@ class Geometry:
         renderer: Renderer,
         stage_angle_deg: Float64Array,
         known: Mapping[str, npt.NDArray[Any]] | None = None,
+        store: GeometryStore | None = None,
     ) -> None:
+        self._store = store
         self._derived: dict[Callable[[Geometry], Any], Any] = {}
         self.dut: DutSettings = renderer.dut
         self.scene: SceneSettings = renderer.scene
@@ -121,6 +124,24 @@ class Geometry:
             self._derived[function] = function(self)
         return self._derived[function]  # type: ignore[no-any-return]  # keyed by the function that made it
 
+    def kept(
+        self, part: str, names: Collection[str], make: Callable[[], Mapping[str, npt.NDArray[Any]]]
+    ) -> Mapping[str, npt.NDArray[Any]]:
+        """Arrays that depend on the geometry alone and are dear: what `make` gives, or what it gave another process.
+
+        Args:
+            part: what they are, in one word.
+            names: of the arrays; what lacks one of them is made anew.
+            make: makes them.
+        """
+        known = None if self._store is None else self._store.read(self.stage_angle_deg, part)
+        if known is not None and known.keys() >= set(names):
+            return known
+        made = make()
+        if self._store is not None and made.keys() >= set(names):
+            self._store.write(self.stage_angle_deg, made, part)
+        return made
+
     @cached_property
     def stripes(self) -> tuple[str, ...]:
         """Names of the reflectance targets: panels without circles, dark to bright."""
@@ -142,7 +163,7 @@ class Geometry:
         for number, panel in enumerate(self.scene.panels, start=1):
             index = np.flatnonzero(surface == number)
             angle, pixel = np.divmod(index, size)
-            view = view_panel(self.dut, rays, panel, self.stage_angle_deg[angle], pixel)
+            view = view_panel(self.dut, rays, panel, stage_angle_deg=self.stage_angle_deg, angle=angle, pixel=pixel)
             inside = np.abs(view.aside_m) < panel.width_m / 2 - EDGE_PX * width_rad[pixel] * view.range_m
             inside &= np.abs(view.up_m) < panel.height_m / 2 - EDGE_PX * height_rad[pixel] * view.range_m
             seen[panel.name] = index[inside]
@@ -196,7 +217,7 @@ class GeometryCache:
         known = None if self._store is None else self._store.read(stage_angle_deg)
         if known is not None and not known.keys() >= set(_IMAGES):
             known = None
-        geometry = Geometry(self._renderer, stage_angle_deg, known)
+        geometry = Geometry(self._renderer, stage_angle_deg, known, self._store)
         if known is None and self._store is not None:
             self._store.write(stage_angle_deg, geometry.stored)
         return geometry

@@ -56,7 +56,13 @@ def pixel_extent_rad(dut: DutSettings) -> tuple[Float64Array, Float64Array]:
 
 
 def view_panel(
-    dut: DutSettings, rays: Float64Array, panel: Panel, stage_angle_deg: Float64Array, pixel: Int64Array
+    dut: DutSettings,
+    rays: Float64Array,
+    panel: Panel,
+    *,
+    stage_angle_deg: Float64Array,
+    angle: Int64Array,
+    pixel: Int64Array,
 ) -> PanelView:
     """Where pixels look on a panel.
 
@@ -64,12 +70,13 @@ def view_panel(
         dut: for the place of its optical centre.
         rays: (H·W, 3) as from `centre_rays`.
         panel: which.
-        stage_angle_deg: (m,) stage angle of each sighting.
+        stage_angle_deg: (n,) angles of the sweep.
+        angle: (m,) index of the stage angle of each sighting.
         pixel: (m,) flat pixel index of each sighting; its ray must meet the panel's plane in front of the DUT.
     """
     origin = np.array([dut.mount.forward_m, dut.mount.left_m, dut.height_m])
     azimuth = np.radians(panel.azimuth_deg + stage_angle_deg)
-    cosine, sine = np.cos(azimuth), np.sin(azimuth)
+    cosine, sine = np.cos(azimuth)[angle], np.sin(azimuth)[angle]
     x, y, z = rays[pixel].T
     range_m = (panel.radius_m - origin[0] * cosine - origin[1] * sine) / (x * cosine + y * sine)
     aside_m = range_m * (y * cosine - x * sine) + origin[1] * cosine - origin[0] * sine

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from arl_fixtures.errors import ArlError, ConfigError
 from arl_fixtures.metrics import measures
+from arl_fixtures.metrics.geometry import Geometry
 from arl_fixtures.metrics.instruments import EVERY_VALUE
 from arl_fixtures.metrics.measurement import Measurement
 from arl_fixtures.metrics.metric import Metric
@@ -69,6 +70,12 @@ def metric_units() -> dict[str, str]:
 def metric_instruments() -> Mapping[str, tuple[str, ...]]:
     """Roles of the instruments that each name's values rest on."""
     return {name: metric.instruments for metric in all_metrics() for name in metric.names}
+
+
+def expect(geometry: Geometry) -> None:
+    """Derive what the metrics need of the twin's expectation alone; `measure` does it where nobody has before."""
+    for metric in all_metrics():
+        metric.expect(geometry)
 
 
 def measure(step: StepData, metrics: tuple[Metric, ...] | None = None) -> list[Measurement]:

@@ -150,6 +150,15 @@ class SweepStatistics:
         if n:
             self._angles.append(_reduce(block))
 
+    @property
+    def stage_angle_deg(self) -> Float64Array:
+        """(n,) stage angles so far, ascending."""
+        return np.array([angle.stage_angle_deg for angle in self._ascending])
+
+    @property
+    def _ascending(self) -> list[_Reduced]:
+        return sorted(self._angles, key=lambda angle: (angle.stage_angle_deg, angle.angle_index))
+
     def summary(self) -> SweepSummary:
         """Everything added so far, in ascending order of the stage angle.
 
@@ -158,12 +167,12 @@ class SweepStatistics:
         """
         if not self._angles:
             raise DataError(f"{self.dut}: no frames were recorded")
-        angles = sorted(self._angles, key=lambda angle: (angle.stage_angle_deg, angle.angle_index))
+        angles = self._ascending
         shape = angles[0].shape
         signals = sorted({name for angle in angles for name in angle.operating})
         return SweepSummary(
             dut=self.dut,
-            stage_angle_deg=np.array([angle.stage_angle_deg for angle in angles]),
+            stage_angle_deg=self.stage_angle_deg,
             angle_index=np.array([angle.angle_index for angle in angles], dtype=np.int64),
             time_ns=np.array([angle.time_ns for angle in angles], dtype=np.int64),
             frames=np.array([angle.frames for angle in angles], dtype=np.int64),

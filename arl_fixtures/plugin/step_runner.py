@@ -22,7 +22,7 @@ from arl_fixtures.metrics.instruments import expired_instruments
 from arl_fixtures.metrics.judge import Judgement, judge, overall
 from arl_fixtures.metrics.limits import LimitSet
 from arl_fixtures.metrics.reference import Reference
-from arl_fixtures.metrics.registry import all_metrics, measure
+from arl_fixtures.metrics.registry import all_metrics, expect, measure
 from arl_fixtures.metrics.statistics import SweepStatistics
 from arl_fixtures.metrics.step import StepData
 from arl_fixtures.metrics.verdict import Verdict
@@ -223,6 +223,15 @@ class StepRunner:
                 bag.block(block)
                 statistics[serial].add(block)
             listener.angle(record.angle_index, len(angles), record.stage_angle_deg)
+            if record.angle_index == len(angles) - 1:
+                self._expect(statistics, len(angles))
+
+    def _expect(self, statistics: Mapping[str, SweepStatistics], angles: int) -> None:
+        """What the twins expect at the sweep's angles, dear where they are new; meanwhile the stage turns back."""
+        for serial, each in statistics.items():
+            if len(each) == angles:
+                expect(self._geometry[serial].at(each.stage_angle_deg))
+                self._alive()
 
     def _judged(
         self,

@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from arl_fixtures.metrics import geometry
+from arl_fixtures.metrics.calibration import circles
+from arl_fixtures.metrics.calibration.circles import circle_plan
 from arl_fixtures.metrics.geometry import GeometryCache
 from arl_fixtures.metrics.geometry_store import MOST_OF_A_DUT
+from arl_fixtures.metrics.registry import expect
 from arl_fixtures.twin.scene import SceneSettings
 from arl_fixtures.twin.settings import DutSettings
 
@@ -75,3 +78,43 @@ def test_a_folder_that_cannot_be_written_costs_time_only(tmp_path):
     (tmp_path / "cache").write_text("in the way")
     found = GeometryCache(DUT, store=tmp_path / "cache").at(ANGLES_DEG)
     assert_same(found, GeometryCache(DUT).at(ANGLES_DEG))
+
+
+def assert_same_plan(found, anew):
+    for name in ("index", "owner", "u", "v", "scale", "twin", "contrast"):
+        assert np.array_equal(getattr(found, name), getattr(anew, name), equal_nan=True)
+    for one, other in zip(found.background, anew.background, strict=True):
+        assert np.array_equal(one, other)
+    assert np.array_equal(found.circles.jacobian, anew.circles.jacobian)
+    assert np.array_equal(found.circles.pixels(), anew.circles.pixels())
+
+
+def test_a_later_process_finds_the_circles_too(store, monkeypatch):
+    anew = circle_plan(GeometryCache(DUT).at(ANGLES_DEG))
+    expect(GeometryCache(DUT, store=store).at(ANGLES_DEG))
+    monkeypatch.setattr(circles, "_plan", lambda _: pytest.fail("planned anew"))
+    assert_same_plan(GeometryCache(DUT, store=store).at(ANGLES_DEG).derive(circle_plan), anew)
+
+
+def test_a_damaged_plan_costs_time_only(store):
+    anew = circle_plan(GeometryCache(DUT, store=store).at(ANGLES_DEG))
+    (file,) = store.glob("*.circles.npz")
+    with file.open("wb") as stream:
+        np.savez(stream, index=np.arange(3))
+    assert_same_plan(circle_plan(GeometryCache(DUT, store=store).at(ANGLES_DEG)), anew)
+    assert_same_plan(circle_plan(GeometryCache(DUT, store=store).at(ANGLES_DEG)), anew)
+
+
+def test_circles_of_angles_that_are_not_kept_are_not_kept_either(store):
+    cache = GeometryCache(DUT, store=store)
+    for k in range(4):
+        expect(cache.at(ANGLES_DEG + 0.01 * (k + 1)))
+    assert len(list(store.glob("*.images.npz"))) == MOST_OF_A_DUT
+    assert len(list(store.glob("*.circles.npz"))) == MOST_OF_A_DUT - 1
+
+
+def test_a_chamber_without_circles_has_no_plan_and_keeps_none(tmp_path):
+    bare = SceneSettings(panels=tuple(panel for panel in SceneSettings().panels if panel.circles is None))
+    found = GeometryCache(DUT, bare, tmp_path).at(ANGLES_DEG)
+    assert found.derive(circle_plan) is None
+    assert not list(tmp_path.glob("*.circles.npz"))

@@ -10,8 +10,9 @@ first, by the power map measured in the same step, by the twin's own in the twin
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +32,11 @@ LEAST_GAP_PX: Final = 1.8
 """Dark gap between neighbouring circles; below it they run into one another and a shift is seen only in part."""
 LEAST_CONTRAST: Final = 0.5
 """A circle that has less than this share of the contrast expected is not what the DUT sees."""
+
+_ARRAYS: Final = ("index", "owner", "u", "v", "scale", "twin", "contrast")
+_JACOBIANS: Final = ("jacobian", "stage_jacobian")
+_STORED: Final = (*_ARRAYS, *_JACOBIANS, "circle", "most")
+"""Arrays of a plan that is kept for another process, besides those of each target."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +84,38 @@ class Centres:
 
 def circle_plan(geometry: Geometry) -> CirclePlan | None:
     """Everything about the circles that does not depend on the recording; None where no circle fits the image."""
+    known = geometry.kept("circles", _STORED, lambda: _stored(geometry))
+    return _restored(geometry, known) if known else None
+
+
+def _stored(geometry: Geometry) -> dict[str, npt.NDArray[Any]]:
+    """A plan as arrays by name, with the derivatives of its circles; empty where there is none."""
+    found = _plan(geometry)
+    if found is None:
+        return {}
+    plan, names = found
+    arrays = {name: getattr(plan, name) for name in _ARRAYS}
+    arrays |= {name: getattr(plan.circles, name) for name in _JACOBIANS}
+    for b, pixels in enumerate(plan.background):
+        arrays |= {f"background.{b}": pixels, f"background_scale.{b}": plan.background_scale[b]}
+    return {name: np.ascontiguousarray(array) for name, array in (arrays | names).items()}
+
+
+def _restored(geometry: Geometry, known: Mapping[str, npt.NDArray[Any]]) -> CirclePlan:
+    circles = _circle_field(geometry, known["circle"], int(known["most"][0]))
+    # a cached property that is known need not be computed
+    circles.__dict__.update((name, known[name]) for name in _JACOBIANS)
+    boards = range(len(geometry.boards))
+    return CirclePlan(
+        circles=circles,
+        background=tuple(known[f"background.{b}"] for b in boards),
+        background_scale=tuple(known[f"background_scale.{b}"] for b in boards),
+        **{name: known[name] for name in _ARRAYS},
+    )
+
+
+def _plan(geometry: Geometry) -> tuple[CirclePlan, dict[str, npt.NDArray[Any]]] | None:
+    """The plan, and the names of its circles with what they are counted by."""
     rays = centre_rays(geometry.dut)
     found = [
         _cells(geometry, number, panel, panel.circles, rays)
@@ -126,7 +164,7 @@ def circle_plan(geometry: Geometry) -> CirclePlan | None:
         ]
     )
     moments, contrast = _moments(plan, _brightness(geometry, index, plan.scale) - level[circles.board[owner]])
-    return replace(plan, twin=moments, contrast=contrast)
+    return replace(plan, twin=moments, contrast=contrast), {"circle": names[inside], "most": np.array([most])}
 
 
 def find_centres(
@@ -182,7 +220,7 @@ def _cells(geometry: Geometry, number: int, panel: Panel, grid: CircleGrid, rays
     dut = geometry.dut
     index = np.flatnonzero((geometry.surface == number).ravel())
     angle, pixel = np.divmod(index, len(rays))
-    view = view_panel(dut, rays, panel, geometry.stage_angle_deg[angle], pixel)
+    view = view_panel(dut, rays, panel, stage_angle_deg=geometry.stage_angle_deg, angle=angle, pixel=pixel)
     column, from_column_m = _nearest(view.aside_m, grid.columns, grid.pitch_m)
     row, from_row_m = _nearest(view.up_m, grid.rows, grid.pitch_m)
     in_cell = (np.abs(from_column_m) <= grid.pitch_m / 2) & (np.abs(from_row_m) <= grid.pitch_m / 2)

@@ -241,6 +241,7 @@ METRIC = Metric(
     ),
     evaluate=evaluate,
     remember=remember,
+    expect=lambda geometry: geometry.derive(circle_plan),
     units={
         "focal_length": "px",
         "principal_point": "px",
