@@ -7,6 +7,7 @@ plant's own word, which the lab keeps.
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import select
 import signal
@@ -19,10 +20,10 @@ from unittest import mock
 
 from arl_fixtures.bench.build import Emulated, open_bench
 from arl_fixtures.bench.clock import VirtualClock
-from arl_fixtures.errors import ArlError, DeviceLostError, InterlockError
+from arl_fixtures.errors import ArlError, DeviceLostError
 from arl_fixtures.guard.guarding import open_guard
 from arl_fixtures.guard.run import run_guard
-from arl_fixtures.guard.runtime import Places, lease_holder, process_state
+from arl_fixtures.guard.runtime import NoGuardError, Places, lease_holder, process_state
 from arl_fixtures.lab.client import LabClient
 from arl_fixtures.lab.server import LabServer
 from arl_fixtures.plugin.cycle import CycleSession
@@ -33,13 +34,15 @@ from tests_bench.small_cycle import Quiet, measure_all
 
 GRACE_S = 1.5
 """Long enough that a machine under load does not count as a client that hangs."""
+DEAD = {"", "Z", "X"}
+CALLED = "nobody is left: the next guard is called"
 OVER = 3
 """Exit status of a session that ended early by itself."""
 
 
 @dataclass(frozen=True)
 class Kill:
-    """Processes that die at a bench time: clients of the lab by name."""
+    """Processes that die at a bench time: clients of the lab by name, and the guard's sentinel."""
 
     at_s: float
     victims: tuple[str, ...]
@@ -99,10 +102,42 @@ class Laboratory:
         """What the plant and the lab have noted."""
         return [(time_s, what, value) for time_s, what, value in self.inspect()["events"]]
 
-    def wait_for_guard(self) -> bool:
-        """Wait until a guard that was left alone has made the bench safe; False: it died, too."""
-        until(lambda: not self.places.driven.exists() or not self.guard_pid(), "the guard has made the bench safe")
-        return not self.places.driven.exists()
+    def log(self) -> list[dict[str, Any]]:
+        """What guards and sentinels have noted."""
+        file, entries = self.places.log, []
+        for line in file.read_text().splitlines() if file.exists() else ():
+            # whoever was killed while it wrote leaves half a line
+            with contextlib.suppress(ValueError):
+                entries.append(json.loads(line))
+        return entries
+
+    def sentinel_pid(self) -> int:
+        """The newest sentinel's process; 0 if it does not live."""
+        pid = next((int(entry["pid"]) for entry in reversed(self.log()) if entry["what"] == "sentinel"), 0)
+        return pid if pid and process_state(pid) not in DEAD else 0
+
+    @contextlib.contextmanager
+    def witness(self) -> Iterator[None]:
+        """Somebody looks on, so that bench time passes, as on the wall, also while nobody else is left."""
+        onlooker = LabClient.connect(self.socket, "witness", role="onlooker")
+        try:
+            yield
+        finally:
+            onlooker.close()
+
+    def wait_for_safety(self) -> bool:
+        """Wait until whoever is left has made the bench safe, and has gone if it came for that; False: nobody is."""
+        until(
+            lambda: not self.places.driven.exists() or not (self.sentinel_pid() or self.guard_pid()),
+            "somebody has made the bench safe",
+        )
+        if self.places.driven.exists():
+            return False
+        last = [entry["what"] for entry in self.log() if entry["what"] in {"sentinel", CALLED}][-1:]
+        if last == [CALLED]:
+            until(lambda: not self.guard_pid(), "the guard that was called has gone")
+            until(lambda: "guard" not in self.inspect()["clients"], "the lab knows that it has gone")
+        return True
 
 
 def open_laboratory(folder: Path, files: SessionFiles, kills: Sequence[Kill] = ()) -> Laboratory:
@@ -114,11 +149,12 @@ def open_laboratory(folder: Path, files: SessionFiles, kills: Sequence[Kill] = (
         world = Emulated(files.bench, VirtualClock())
         server = LabServer(world, socket, grace_s=GRACE_S)
         for kill in kills:
-            world.clock.at(kill.at_s, lambda kill=kill: _kill_clients(server, kill.victims))
+            world.clock.at(kill.at_s, lambda kill=kill: _kill(server, lab, kill.victims))
         signal.signal(signal.SIGTERM, lambda *_: server.stop())
         server.serve()
 
-    lab = Laboratory(socket, folder / "r", files.bench.name, fork(serve))
+    lab = Laboratory(socket, folder / "r", files.bench.name, 0)
+    lab.pid = fork(serve)
     until(lab.listens, "the lab listens")
     return lab
 
@@ -126,6 +162,7 @@ def open_laboratory(folder: Path, files: SessionFiles, kills: Sequence[Kill] = (
 def close_laboratory(lab: Laboratory) -> None:
     """End it; the guard must have gone home before."""
     until(lambda: not lab.guard_pid(), "the guard has gone home")
+    until(lambda: not lab.sentinel_pid(), "so has its sentinel")
     os.kill(lab.pid, signal.SIGTERM)
     assert wait_for(lab.pid) == 0
 
@@ -138,7 +175,7 @@ def laboratory(folder: Path, files: SessionFiles, kills: Sequence[Kill] = ()) ->
         yield lab
         close_laboratory(lab)
     except BaseException:
-        for pid in (lab.guard_pid(), lab.pid):
+        for pid in (lab.sentinel_pid(), lab.guard_pid(), lab.pid):
             if pid:
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(pid, signal.SIGKILL)
@@ -204,7 +241,7 @@ def fork_guard(_bench_file: str, places: Places, *, lab: Path | None) -> int:
     os.close(writer)
     with os.fdopen(reader, "rb") as pipe:
         if pipe.read() != b"ready\n":
-            raise InterlockError("the guard did not start")
+            raise NoGuardError("the guard did not start")
     return pid
 
 
@@ -217,12 +254,16 @@ def until(condition: Callable[[], Any], what: str) -> Any:
     return found
 
 
-def _kill_clients(server: LabServer, names: Sequence[str]) -> None:
+def _kill(server: LabServer, lab: Laboratory, names: Sequence[str]) -> None:
     """SIGKILL at this very instant of bench time: the lab hears of it before time goes on."""
-    victims = [client for client in server._clients.values() if client.name in names]
-    for client in victims:
+    clients = [client for client in server._clients.values() if client.name in names]
+    # the sentinel first: else it would act on the death of the others
+    sentinels = [lab.sentinel_pid()] if "sentinel" in names else []
+    victims = [pid for pid in [*sentinels, *(client.peer.pid for client in clients)] if pid]
+    for pid in victims:
         with contextlib.suppress(ProcessLookupError):
-            os.kill(client.peer.pid, signal.SIGKILL)
-    for client in victims:
-        until(lambda pid=client.peer.pid: process_state(pid) in {"", "Z", "X"}, "a killed process dies")
+            os.kill(pid, signal.SIGKILL)
+    for pid in victims:
+        until(lambda pid=pid: process_state(pid) in DEAD, "a killed process dies")
+    for client in clients:
         server._lose(client)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import math
+import mmap
 import os
 import select
 import signal
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, MutableSequence
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -78,9 +79,12 @@ def die() -> None:
 
 
 @contextlib.contextmanager
-def storage_calls(at_call: int = -1) -> Iterator[list[int]]:
-    """Count calls that touch the disk; in the one with number `at_call` the process dies half-way."""
-    count = [0]
+def storage_calls(at_call: int = -1) -> Iterator[MutableSequence[int]]:
+    """Count calls that touch the disk; in the one with number `at_call` the process dies half-way.
+
+    The count is common to all that are forked meanwhile: one of them dies, not each when its turn comes.
+    """
+    count = memoryview(mmap.mmap(-1, 8)).cast("q")
     write, replace = os.write, os.rename
 
     def turn() -> bool:

@@ -10,8 +10,14 @@ Event = Sequence[Any]
 
 
 def lost_s(events: Sequence[Event], whom: str) -> float:
-    """Bench time at which the lab lost a client for the last time; before all events if it never came."""
-    return max((time_s for time_s, what, value in events if (what, value) == ("client lost", whom)), default=0.0)
+    """Bench time at which the lab first lost a client in these events; before all of them if it never did."""
+    return min((time_s for time_s, what, value in events if (what, value) == ("client lost", whom)), default=0.0)
+
+
+def guard_was_called(events: Sequence[Event]) -> bool:
+    """Whether another guard came in these events after one was lost."""
+    seen = [what for _, what, value in events if value == "guard"]
+    return "client lost" in seen and "client joined" in seen[seen.index("client lost") :]
 
 
 def energised(events: Sequence[Event]) -> set[str]:

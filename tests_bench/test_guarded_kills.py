@@ -1,6 +1,6 @@
-"""SIGKILL to test, guard or both at random instants of a whole cycle, then `--resume`.
+"""SIGKILL to test, guard, both, or both and the sentinel at random instants of a whole cycle, then `--resume`.
 
-Three real processes, as on hardware: the plant outlives whoever dies, and says itself whether and when the bench was
+Real processes, as on hardware: the plant outlives whoever dies, and says itself whether and when the bench was
 safe. Then the cycle goes on and must be what an undisturbed one is.
 """
 
@@ -23,11 +23,11 @@ from arl_fixtures.journal.record import SessionRecord, read_journal
 from arl_fixtures.plugin.setup import SessionFiles
 from tests_bench.guarded_cycle import OVER, Kill, Laboratory, drive, laboratory, until
 from tests_bench.killed_cycles import check_equal, count_ways, fork, journals, storage_calls, wait_for, whole_lines
-from tests_bench.plant_words import check_next_guard, check_safe, lost_s
+from tests_bench.plant_words import check_next_guard, check_safe, guard_was_called, lost_s
 from tests_bench.small_cycle import BENCH, fast, files_for, run_cycle, write_files
 
 SAFE_S = 2.0
-"""After the loss of the test, or once the loss of the guard is noticed."""
+"""After the loss of the test, of the test and its guard, or once the loss of the guard alone is noticed."""
 NOTICED_S = 1.0
 """A test that only waits gives a sign of life each second, and by that notices the death of its guard."""
 SECOND_KILL = 0.3
@@ -36,8 +36,10 @@ LARGEST_DEATHS = 4
 LATER_S = 0.5
 """While one makes safe, the other may die, too."""
 MODES = ("bench time", "wall clock", "storage call")
-"""A storage call kills whoever comes to that number first: a forked guard counts on from its fork."""
-VICTIMS = ("test", "guard", "test and guard", "test then guard", "guard then test")
+"""A storage call kills whoever comes to that number first."""
+ALL = "test and guard and sentinel"
+VICTIMS = ("test", "guard", "test and guard", ALL, "test then guard", "guard then test")
+AT_ONCE = VICTIMS[:4]
 PROGRAM_EACH = 25
 """One cycle in so many has its guard started as a program; the others fork it, which takes no second."""
 
@@ -116,33 +118,39 @@ class Trial:
             with storage_calls(call):
                 drive(self.files, lab, own_program=program)
 
-        pid = fork(work)
-        if mode == "wall clock":
-            kill_outside(lab, pid, chance, self.stand.wall_s, victims)
-        status = wait_for(pid)
-        if status == 0:
-            return True
-        assert status in {OVER, -signal.SIGKILL}, f"status {status}"
-        whom = "guard" if status == OVER else "test"
-        self.deaths.append(whom)
-        if whom == "test" and not lab.wait_for_guard():
-            # nobody is left; the next guard must make safe before anything else
-            self.deaths[-1] = "both"
-            self.orphaned.append(len(lab.events()))
+        with lab.witness():
+            pid = fork(work)
+            if mode == "wall clock":
+                kill_outside(lab, pid, chance, self.stand.wall_s, victims)
+            status = wait_for(pid)
+            if status == 0:
+                return True
+            assert status in {OVER, -signal.SIGKILL}, f"status {status}"
+            whom = "guard" if status == OVER else "test"
+            somebody_left = lab.wait_for_safety()
+        found, events = lab.inspect(), lab.events()
+        if whom == "test" and not somebody_left:
+            # the next guard must make safe before anything else
+            self.deaths.append("all")
+            self.orphaned.append(len(events))
             return False
-        found = lab.inspect()
-        events = lab.events()[since:]
-        limit_s = SAFE_S if whom == "test" else NOTICED_S + SAFE_S
-        took_s = check_safe(found["state"], events, since_s=lost_s(events, whom), limit_s=limit_s)
+        events = events[since:]
+        since_s = lost_s(events, whom)
+        if whom == "test" and guard_was_called(events):
+            whom = "both"
+            since_s = max(since_s, lost_s(events, "guard"))
+        self.deaths.append(whom)
+        limit_s = NOTICED_S + SAFE_S if whom == "guard" else SAFE_S
+        took_s = check_safe(found["state"], events, since_s=since_s, limit_s=limit_s)
         self.stand.safe_s.setdefault(whom, []).append(took_s)
         return False
 
     def check_end(self) -> None:
-        """The plant is safe, and whoever came after nobody was left has made it so first."""
+        """The plant is safe, and whoever came after all had died has made it so first."""
         events = self.lab.events()
         for place in self.orphaned:
             took_s = check_next_guard(events, place, limit_s=SAFE_S)
-            self.stand.safe_s.setdefault("both, after the next guard came", []).append(took_s)
+            self.stand.safe_s.setdefault("all, after the next guard came", []).append(took_s)
         check_safe(self.lab.inspect()["state"], events, since_s=float("inf"), limit_s=0.0)
 
 
@@ -180,17 +188,19 @@ def planned(stand: Stand, chance: random.Random, victims: str) -> list[Kill]:
             kills.append(Kill(at_s + chance.uniform(0.0, LATER_S), (second,)))
     if chance.random() < SECOND_KILL:
         later_s = at_s + chance.uniform(1.0, stand.bench_s)
-        kills.append(Kill(later_s, tuple(chance.choice(VICTIMS[:3]).split(" and "))))
+        kills.append(Kill(later_s, tuple(chance.choice(AT_ONCE).split(" and "))))
     return kills
 
 
 def kill_outside(lab: Laboratory, pid: int, chance: random.Random, wall_s: float, victims: str) -> None:
     """SIGKILL from outside after a while on the wall clock."""
     pause(chance.uniform(0.0, wall_s))
-    for place, name in enumerate(victims.replace(" then ", " and ").split(" and ")):
+    names = victims.replace(" then ", " and ").split(" and ")
+    # the sentinel first: else it would act on the death of the others
+    for place, name in enumerate(sorted(names, key=lambda name: name != "sentinel")):
         if place and "then" in victims:
             pause(chance.uniform(0.0, 0.1 * LATER_S))
-        number = lab.guard_pid() if name == "guard" else pid
+        number = {"test": lambda: pid, "guard": lab.guard_pid, "sentinel": lab.sentinel_pid}[name]()
         if number:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(number, signal.SIGKILL)
@@ -202,7 +212,7 @@ def pause(wall_s: float) -> None:
     until(lambda: time.monotonic() >= end_s, "time passes")
 
 
-@pytest.mark.parametrize("seed", [0, 3, 6, 9, 12, 4, 7, 2])
+@pytest.mark.parametrize("seed", [0, 3, 6, 9, 12, 15, 4, 7, 2])
 def test_whoever_dies_the_bench_is_safe_and_the_cycle_becomes_whole(stand: Stand, seed: int) -> None:
     """A sample: each choice of victims at a bench time, two on the wall clock, one in a call to the disk."""
     trial(stand, seed)

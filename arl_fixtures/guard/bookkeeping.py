@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any, Final, final
@@ -53,7 +54,8 @@ class Bookkeeping:
     def _see(self, core: GuardCore, record: Record) -> None:
         after = record.detail.get("after")
         if record.what == Event.JOIN.value:
-            write_durably(self._places.driven, json.dumps({"since_utc": now_utc()}) + "\n")
+            mark = {"since_utc": now_utc(), "bench_time_s": round(record.time_s, 6), "guard": os.getpid()}
+            write_durably(self._places.driven, json.dumps(mark) + "\n")
         elif record.what in _STOPS:
             self._begin(core, record, str(record.detail["cause"]))
         elif record.what == Event.LEAVE.value:

@@ -29,7 +29,7 @@ from arl_fixtures.errors import ArlError, ConfigError, HoldError, InterlockError
 from arl_fixtures.guard.inside import InsideGuard
 from arl_fixtures.guard.link import BeatingClock, GuardedPort, GuardLink, connect_guard
 from arl_fixtures.guard.run import start_guard
-from arl_fixtures.guard.runtime import Places, StopReport, lease_holder, read_stop, wait_for_lease
+from arl_fixtures.guard.runtime import NoGuardError, Places, StopReport, lease_holder, read_stop, wait_for_lease
 from arl_fixtures.guard.watched import WatchedDuts, WatchedRelays
 from arl_fixtures.lab.client import LabClient
 
@@ -37,6 +37,7 @@ _BEATS_PER_TIMEOUT: Final = 4.0
 _LONGEST_BEAT_S: Final = 1.0
 """A guard that died is noticed at the next beat."""
 _BYE_S: Final = 60.0
+_TRIES: Final = 4
 
 
 class Guard(Protocol):
@@ -259,12 +260,13 @@ def _connected(
 ) -> ProcessGuard:
     clock: Clock = RealClock() if client is None else client.clock
     number = 0 if client is None else client.number
-    for last in (False, True):
-        pid = lease_holder(places.lease, lease_s=config.guard.lease_s)
-        if pid == 0:
-            _require_acknowledged(places, bench_file)
-            pid = start_guard(bench_file, places, lab=lab)
+    # where guards come and go, as after a death, the one that is there now may be gone before it is spoken to
+    for left in reversed(range(_TRIES)):
         try:
+            pid = lease_holder(places.lease, lease_s=config.guard.lease_s)
+            if pid == 0:
+                _require_acknowledged(places, bench_file)
+                pid = start_guard(bench_file, places, lab=lab)
             link = connect_guard(
                 places.socket,
                 pid,
@@ -273,15 +275,12 @@ def _connected(
                 lab=number,
                 patience_s=config.guard.reply_timeout_s,
             )
-        except ConfigError:
-            # it was started with another version of the bench file and ends by itself
-            if last:
+        except (ConfigError, NoGuardError) as error:
+            # with another version of the bench file it ends by itself
+            if left == 0:
                 raise
-            _wait_for_end(places, config)
-        except InterlockError as error:
-            if last or not str(error).startswith("no guard"):
-                raise
-            _wait_for_end(places, config)
+            if isinstance(error, ConfigError) or pid:
+                _wait_for_end(places, config)
         else:
             return ProcessGuard(config, link, clock, client)
     raise InterlockError(f"bench '{config.name}': the guard ends again and again")

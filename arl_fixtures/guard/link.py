@@ -15,7 +15,7 @@ from arl_fixtures.bench.guard_settings import Action
 from arl_fixtures.devices.port import Clock, StreamPort
 from arl_fixtures.errors import ArlError, DeviceLostError, InterlockError
 from arl_fixtures.guard.core import Request
-from arl_fixtures.guard.runtime import started
+from arl_fixtures.guard.runtime import NoGuardError, started
 from arl_fixtures.lab.client import ERRORS, LabClock, Unsent
 from arl_fixtures.lab.framing import Link, Message, PeerLostError
 
@@ -38,6 +38,7 @@ class GuardLink:
         patience_s: wall time after which a guard that does not answer counts as dead.
 
     Raises:
+        NoGuardError: it ended before it answered.
         InterlockError: it refuses; the message says what stopped the bench, or who drives it.
         ConfigError: it runs with another version of the bench file.
     """
@@ -56,7 +57,7 @@ class GuardLink:
         try:
             answer = self._link.ask(hello, timeout_s=patience_s + _SAFE_STATE_S)
         except PeerLostError as error:
-            raise InterlockError(f"the guard (process {pid}) does not answer: {error}") from None
+            raise NoGuardError(f"the guard (process {pid}) does not answer: {error}") from None
         self.last_stop = answer.header.get("stop")
         self._understood(answer)
 
@@ -272,12 +273,13 @@ def connect_guard(
     """Connect to the guard that listens at a socket.
 
     Raises:
-        InterlockError: nobody listens there, or the guard refuses.
+        NoGuardError: nobody listens there.
+        InterlockError: the guard refuses.
     """
     try:
         link = Link.connect(socket)
     except PeerLostError as error:
-        raise InterlockError(f"no guard: {error}") from None
+        raise NoGuardError(f"no guard: {error}") from None
     try:
         return GuardLink(link, pid, sha256=sha256, clock=clock, lab=lab, patience_s=patience_s)
     except ArlError:

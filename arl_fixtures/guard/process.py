@@ -20,6 +20,7 @@ from arl_fixtures.guard.hands import Hands
 from arl_fixtures.guard.host import Host
 from arl_fixtures.guard.line import open_lines
 from arl_fixtures.guard.runtime import Lease, Places, process_state
+from arl_fixtures.guard.sentinel import Sentinel
 from arl_fixtures.guard.sessions import Ear, Session, Sessions
 from arl_fixtures.guard.silence import SilenceCheck
 from arl_fixtures.lab.framing import Message
@@ -39,6 +40,7 @@ class GuardProcess:
         host: time and lines.
         places: its files.
         lease: the right to guard this bench.
+        sentinel: who calls another guard where test and guard die together.
         linger_s: wall time for which it stays, without a test, after one was lost; None: for ever.
 
     Raises:
@@ -46,10 +48,17 @@ class GuardProcess:
     """
 
     def __init__(
-        self, config: BenchConfig, host: Host, places: Places, lease: Lease, *, linger_s: float | None
+        self,
+        config: BenchConfig,
+        host: Host,
+        places: Places,
+        lease: Lease,
+        sentinel: Sentinel,
+        *,
+        linger_s: float | None,
     ) -> None:
         self._config, self._settings, self._host, self._lease = config, config.guard, host, lease
-        self._linger_s = linger_s
+        self._sentinel, self._linger_s = sentinel, linger_s
         self._books = Bookkeeping(places, config.name)
         self._lines = open_lines(config, host)
         self._sessions = Sessions(
@@ -103,6 +112,7 @@ class GuardProcess:
             line.close()
         self._host.close()
         self._lease.release()
+        self._sentinel.end()
 
     def _turn(self) -> None:
         self._sessions.hear()
@@ -117,6 +127,7 @@ class GuardProcess:
             if not self._over:
                 self._host.sleep(self._wake_s(), self._waiting)
         self._keep_books()
+        self._sentinel.tend(needed=self._core.state not in _SETTLED)
         self._lease.renew()
 
     def _judge_life(self) -> None:
@@ -272,6 +283,9 @@ class GuardProcess:
         self._commanded, self._awaited = {}, {}
         self._known_s = dict.fromkeys(CONTROL_LINES, self._now_s)
         self._hands.renew()
+        # the sentinel goes by the mark that is on disk then
+        self._keep_books()
+        self._sentinel.begin(session.pid)
 
     def _leave(self, session: Session) -> None:
         if session is self._driver:
@@ -315,6 +329,7 @@ class GuardProcess:
         request = None if core.request is None else [str(core.request.action), core.request.reason]
         body = {"n": number, "now_s": self._now_s, "state": str(core.state), "cause": core.cause, "request": request}
         body |= {"unverified": core.unverified, "actions": core.actions, "stop": None if stop is None else str(stop)}
+        body["sentinel"] = self._sentinel.pid
         session.peer.send(body | header, payload)
 
     # -- looking and acting
@@ -373,6 +388,7 @@ class GuardProcess:
             self._silence.power_is_off()
         core.did(step, fault, self._now_s)
         self._retry_s = self._now_s + _RETRY_S
+        self._lease.renew()
 
     def _listen(self) -> None:
         """Are the DUTs as dark as the relays say?"""

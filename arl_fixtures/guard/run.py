@@ -9,15 +9,19 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 from arl_fixtures.bench.config import BenchConfig, load_bench
 from arl_fixtures.errors import ArlError, ConfigError, InterlockError
 from arl_fixtures.guard.host import Host, LabHost, RealHost
 from arl_fixtures.guard.process import GuardProcess
-from arl_fixtures.guard.runtime import Lease, Places
+from arl_fixtures.guard.runtime import Lease, NoGuardError, Places
+from arl_fixtures.guard.sentinel import Sentinel
 from arl_fixtures.lab.client import LabClient
 
-LINGER_S = 300.0
+LINGER_S: Final = 300.0
+TAKEN: Final = 3
+"""Exit status of a guard that was refused its lease."""
 
 
 def run_guard(
@@ -42,9 +46,15 @@ def run_guard(
         DeviceError: a line cannot be opened.
     """
     lease = Lease(places.lease, lease_s=config.guard.lease_s)
+
+    def next_guard() -> None:
+        # it makes safe what it finds, and goes: nobody has asked for one that stays
+        run_guard(config, places, lab=lab, linger_s=0.0)
+
+    sentinel = Sentinel(places, config.guard, next_guard)
     try:
         host: Host = RealHost(config) if lab is None else LabHost(LabClient.connect(lab, "guard", role="follower"))
-        guard = GuardProcess(config, host, places, lease, linger_s=linger_s)
+        guard = GuardProcess(config, host, places, lease, sentinel, linger_s=linger_s)
     except BaseException:
         lease.release()
         raise
@@ -61,6 +71,7 @@ def start_guard(bench_file: str, places: Places, *, lab: Path | None, linger_s: 
     """Start a guard in a session of its own and wait until tests can connect; returns its process number.
 
     Raises:
+        NoGuardError: another guard has come first.
         InterlockError: it did not start; the message is its own.
     """
     reader, writer = os.pipe()
@@ -85,9 +96,9 @@ def start_guard(bench_file: str, places: Places, *, lab: Path | None, linger_s: 
     except OSError as error:
         raise InterlockError(f"the guard cannot be started: {error.strerror}") from None
     if said != b"ready\n":
-        process.wait()
+        status = process.wait()
         text = "; ".join(places.errors.read_text(errors="replace").split("\n")).strip("; ")
-        raise InterlockError(f"the guard did not start: {text[-600:]}")
+        raise (NoGuardError if status == TAKEN else InterlockError)(f"the guard did not start: {text[-600:]}")
     # it outlives this process on purpose; nobody is to warn that it was not waited for
     process.returncode = 0
     return process.pid
@@ -110,5 +121,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
         run_guard(config, places, lab=options.lab, linger_s=options.linger, ready_fd=options.ready_fd)
     except ArlError as error:
         sys.stderr.write(f"{error}\n")
-        return 2
+        return TAKEN if isinstance(error, InterlockError) else 2
     return 0

@@ -25,6 +25,10 @@ _LONGEST_SOCKET_PATH: Final = 100
 _LARGEST_LOG: Final = 2_000_000
 
 
+class NoGuardError(InterlockError):
+    """The guard that was to be spoken to has just ended, or another one came first: look again who guards."""
+
+
 @dataclass(frozen=True, slots=True)
 class Places:
     """Files of the guard of one bench."""

@@ -119,6 +119,15 @@ class Stand:
         finally:
             onlooker.close()
 
+    @contextlib.contextmanager
+    def witness(self):
+        """Somebody looks on, so that bench time passes, as on the wall, also while nobody else is left."""
+        onlooker = LabClient.connect(self.lab, "witness", role="onlooker")
+        try:
+            yield
+        finally:
+            onlooker.close()
+
     def inject(self, *faults):
         onlooker = LabClient.connect(self.lab, "onlooker", role="onlooker")
         for fault in faults:

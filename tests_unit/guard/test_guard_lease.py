@@ -20,8 +20,8 @@ def stand(make_module_stand):
     return make_module_stand("guard: {reply_timeout_s: 1.0, lease_s: 1.1, poll_s: 1.0}")
 
 
-def lost(found, name):
-    return max(time_s for time_s, what, value in found["events"] if what == "client lost" and value == name)
+def first_lost(events, name):
+    return next(time_s for time_s, what, value in events if what == "client lost" and value == name)
 
 
 def test_a_second_guard_and_a_second_test_are_refused(stand, run_test):
@@ -30,7 +30,7 @@ def test_a_second_guard_and_a_second_test_are_refused(stand, run_test):
     command = [sys.executable, "-m", "arl_fixtures.guard", "--bench", stand.bench_file, "--lab", str(stand.lab)]
     command += ["--runtime", str(stand.runtime)]
     second = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    assert second.returncode == 2
+    assert second.returncode == 3
     assert second.stderr.count("\n") == 1
     assert f"another guard (process {guard}) holds this bench" in second.stderr
     with pytest.raises(InterlockError, match=f"another test \\(process {pid}\\) drives this bench"):
@@ -44,11 +44,13 @@ def test_a_second_guard_and_a_second_test_are_refused(stand, run_test):
 
 def test_a_killed_guard_is_noticed_by_the_test_which_makes_safe_itself(stand, run_test):
     pid = run_test(stand, go_on)
+    before = len(stand.inspect()["events"])
     os.kill(stand.guard_pid(), signal.SIGKILL)
     assert reap(pid) == 3
     assert "is gone" in (stand.runtime / "heard").read_text()
     found = stand.inspect()
-    assert_safe_within(found, lost(found, "guard"), limit_s=1.0 + 2.0)  # a beat, then the safe state
+    # a beat, then the safe state
+    assert_safe_within(found, first_lost(found["events"][before:], "guard"), limit_s=1.0 + 2.0)
 
 
 def test_a_guard_that_hangs_is_killed_for_its_lines(stand, run_test):
@@ -60,12 +62,13 @@ def test_a_guard_that_hangs_is_killed_for_its_lines(stand, run_test):
     assert is_safe(stand.inspect()["state"])
 
 
-def test_when_both_die_the_next_guard_finds_the_bench_and_makes_it_safe(stand, run_test):
+def test_when_all_three_die_the_next_guard_finds_the_bench_and_makes_it_safe(stand, run_test):
     pid = run_test(stand, go_on)
     guard = stand.guard_pid()
-    os.kill(guard, signal.SIGSTOP)  # so that the test's death cannot reach it
-    os.kill(pid, signal.SIGKILL)
-    os.kill(guard, signal.SIGKILL)
+    sentinel = stand.ask(op="status")["sentinel"]
+    os.kill(guard, signal.SIGSTOP)  # so that no other's death can reach it
+    for number in (sentinel, pid, guard):
+        os.kill(number, signal.SIGKILL)
     assert reap(pid) == -signal.SIGKILL
     assert not is_safe(stand.inspect()["state"])
     with stand.open_guard() as again:

@@ -64,41 +64,66 @@ def hardware(tmp_path):
         yield plant, server.clock, file
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_test_that_dies_on_real_lines(hardware, tmp_path, number):
-    plant, clock, file = hardware
-    runtime = tmp_path / "r"
-    victim = subprocess.Popen(
-        [sys.executable, "-c", DRIVE, str(file), str(runtime)], stdout=subprocess.PIPE, text=True
+@pytest.fixture
+def victim(hardware, tmp_path):
+    """A test process that drives the bench with everything on and the stage turning."""
+    plant, _, file = hardware
+    process = subprocess.Popen(
+        [sys.executable, "-c", DRIVE, str(file), str(tmp_path / "r")], stdout=subprocess.PIPE, text=True
     )
-    with victim:
+    with process:
         try:
-            assert victim.stdout is not None
-            assert select.select([victim.stdout], [], [], PATIENCE_S)[0]
-            assert victim.stdout.readline() == "ready\n"
+            assert process.stdout is not None
+            assert select.select([process.stdout], [], [], PATIENCE_S)[0]
+            assert process.stdout.readline() == "ready\n"
             assert all(plant.laser_on(dut) for dut in range(3))
-            os.kill(victim.pid, number)
-            places = Places.of("emulated", runtime)
-
-            def settled():
-                stop = read_stop(places)
-                return stop is not None and not stop.unverified and stop
-
-            stop = until(settled, "the guard has verified everything")
-            assert not any(plant.powered(dut) or plant.laser_on(dut) for dut in range(3))
-            assert plant.setpoint_c == 23.0
-            assert plant.stage_track.at(clock.now_s)[1] == 0.0
-            assert plant.stage_track.end_deg < 59.0  # it was stopped, it did not arrive
-            assert ("died" in stop.cause) == (number == signal.SIGKILL)
-            assert ("was stopped" in stop.cause) == (number == signal.SIGSTOP)
-            steps = [action["step"] for action in stop.actions]
-            assert steps[:3] == ["laser and DUT power off", "safe set-point", "stage stopped"]
-            # on these lines, too, the guard stays for the next test, and goes when it is told to
-            guard = lease_holder(places.lease, lease_s=10.0)
-            link = Link.connect(places.socket)
-            assert link.ask({"op": "status"}, timeout_s=PATIENCE_S).header["state"] == "idle"
-            link.close()
-            os.kill(guard, signal.SIGTERM)
-            until(lambda: not lease_holder(places.lease, lease_s=1e9), "the guard ends")
+            yield process
         finally:
-            victim.kill()
+            process.kill()
+
+
+def settled_stop(places):
+    stop = read_stop(places)
+    return stop is not None and not stop.unverified and stop
+
+
+def assert_safe_now(plant, clock):
+    assert not any(plant.powered(dut) or plant.laser_on(dut) for dut in range(3))
+    assert plant.setpoint_c == 23.0
+    assert plant.stage_track.at(clock.now_s)[1] == 0.0
+    assert plant.stage_track.end_deg < 59.0  # it was stopped, it did not arrive
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_test_that_dies_on_real_lines(hardware, victim, tmp_path, number):
+    plant, clock, _ = hardware
+    os.kill(victim.pid, number)
+    places = Places.of("emulated", tmp_path / "r")
+    stop = until(lambda: settled_stop(places), "the guard has verified everything")
+    assert_safe_now(plant, clock)
+    assert ("died" in stop.cause) == (number == signal.SIGKILL)
+    assert ("was stopped" in stop.cause) == (number == signal.SIGSTOP)
+    steps = [action["step"] for action in stop.actions]
+    assert steps[:3] == ["laser and DUT power off", "safe set-point", "stage stopped"]
+    # on these lines, too, the guard stays for the next test, and goes when it is told to
+    guard = lease_holder(places.lease, lease_s=10.0)
+    link = Link.connect(places.socket)
+    assert link.ask({"op": "status"}, timeout_s=PATIENCE_S).header["state"] == "idle"
+    link.close()
+    os.kill(guard, signal.SIGTERM)
+    until(lambda: not lease_holder(places.lease, lease_s=1e9), "the guard ends")
+
+
+def test_a_test_that_dies_with_its_guard_on_real_lines(hardware, victim, tmp_path):
+    plant, clock, _ = hardware
+    places = Places.of("emulated", tmp_path / "r")
+    guard = lease_holder(places.lease, lease_s=10.0)
+    since_s = clock.now_s
+    for pid in (guard, victim.pid):
+        os.kill(pid, signal.SIGKILL)
+    stop = until(lambda: settled_stop(places), "somebody has verified everything")
+    took_s = clock.now_s - since_s
+    assert_safe_now(plant, clock)
+    assert took_s < 2.0
+    assert "the guard died while a test" in stop.cause
+    until(lambda: not lease_holder(places.lease, lease_s=1e9), "whoever came has gone home")
