@@ -1,24 +1,32 @@
-"""A sweep in real time: emulators in a process of their own, 25 Hz, three DUTs, real sockets.
+"""A sweep in real time: emulators in a process of their own, 25 Hz, three DUTs, real sockets; then the stage alone.
 
 Prints the sweep's duration over its physical minimum (frame periods plus stage motion), and lost packets. The sensors
 run free, so beyond that minimum each angle waits for the next frame of the sensor whose turn comes last.
+The stage alone takes its steps on a pseudo-terminal: what driver, wire and server add is at most 20 ms a step.
 Run: python -m benchmarks.realtime [ANGLES]
 """
 
 from __future__ import annotations
 
+import statistics
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
 from arl_fixtures.bench.build import open_bench
+from arl_fixtures.bench.clock import RealClock
 from arl_fixtures.bench.config import load_bench
+from arl_fixtures.bench.ports import SerialPort
 from arl_fixtures.bench.profile import AngleSweep
+from arl_fixtures.bench.serve import EmulatorServer
 from arl_fixtures.bench.sweep import sweep
-from arl_fixtures.devices.stage import TmclSettings
+from arl_fixtures.devices.stage import TmclSettings, TmclStage
+from arl_fixtures.emulators.plant import Plant
+from arl_fixtures.emulators.stage import StageEmulator
 
 FRAMES = 10
+STEPS = 60
 
 
 def motion_s(settings: TmclSettings, step_deg: float) -> float:
@@ -66,6 +74,29 @@ def main(angles: int = 40) -> None:
             f"{serial}: {counts.frames} frames of {asked} asked for, {counts.lost_rows} rows lost, "
             f"{counts.lost_frames} frames lost, {counts.malformed} packets malformed"
         )
+    stage_alone()
+
+
+def stage_alone() -> None:
+    """Duration of single steps of a sweep over that of the motion."""
+    clock = RealClock()
+    server = EmulatorServer(clock)
+    line = server.add_pty("stage", StageEmulator(Plant()))
+    settings = TmclSettings(search_mode=5, reference_angle_deg=0.0)
+    spent_s = []
+    with server:
+        stage = TmclStage(SerialPort("stage", line, baud=115200), clock, settings)
+        stage.home(30.0)
+        for step in range(STEPS):
+            start_s = clock.now_s
+            stage.move_to_deg(0.9 * (step + 1))
+            stage.wait_until_reached(10.0)
+            spent_s.append(clock.now_s - start_s)
+        stage.close()
+    least_s = motion_s(settings, 0.9)
+    for what, each_s in (("median", statistics.median(spent_s)), ("longest", max(spent_s))):
+        print(f"a step of 0.9°, {what}: {1e3 * each_s:.1f} ms, {each_s / least_s:.3f} of the motion", end="; ")
+        print(f"{(each_s - least_s) / 0.02:.2f} of the 20 ms allowed")
 
 
 if __name__ == "__main__":
