@@ -10,7 +10,15 @@ from typing import Any, Final, final
 
 from arl_fixtures.errors import StorageError
 from arl_fixtures.guard.core import Event, GuardCore, Record, State
-from arl_fixtures.guard.runtime import Places, StopReport, append_log, read_stop, write_durably, write_stop
+from arl_fixtures.guard.runtime import (
+    UNDER_WAY,
+    Places,
+    StopReport,
+    append_log,
+    read_stop,
+    write_durably,
+    write_stop,
+)
 
 _STOPS: Final = {Event.TRIP.value, Event.FOUND.value}
 
@@ -31,14 +39,20 @@ class Bookkeeping:
         self._actions: list[dict[str, Any]] = []
 
     @property
-    def found_driven(self) -> str:
-        """Since when a predecessor's session drives the bench that nobody ended; empty if none does."""
+    def what_nobody_ended(self) -> tuple[str, bool]:
+        """What a predecessor left undone, in words, empty if nothing; whether somebody must look in any case."""
         try:
-            return str(json.loads(self._places.driven.read_text(encoding="utf-8"))["since_utc"])
+            since = str(json.loads(self._places.driven.read_text(encoding="utf-8"))["since_utc"])
         except FileNotFoundError:
-            return ""
+            return "", False
         except (OSError, ValueError, KeyError, TypeError):
-            return "an unknown time"
+            since = "an unknown time"
+        stop = self.last_stop
+        if stop is None or not stop.blocks:
+            return f"the guard died while a test, there since {since}, drove the bench", False
+        # what could not be verified asks for somebody, also when it works later
+        needs_ack = stop.ack_if_verified or stop.unverified != UNDER_WAY
+        return f"{stop.cause}; the guard died while it made the bench safe", needs_ack
 
     def write_down(self, core: GuardCore, records: list[Record]) -> None:
         """Keep records; what must outlive a power failure is on disk when this returns."""
@@ -73,8 +87,12 @@ class Bookkeeping:
             self._settle(core, record)
         elif record.what == Event.ACK.value and self.last_stop is not None:
             self._keep(acknowledged(self.last_stop, str(record.detail["by"]), str(record.detail["note"])))
-        if after in {State.IDLE, State.SAFE}:
-            self._places.driven.unlink(missing_ok=True)
+        if after in {State.IDLE, State.SAFE} and not core.unverified:
+            self.forget_session()
+
+    def forget_session(self) -> None:
+        """Nobody need end the session any more: the bench is safe, or somebody has told the guard to leave it."""
+        self._places.driven.unlink(missing_ok=True)
 
     def _begin(self, core: GuardCore, record: Record, cause: str) -> None:
         # written before the first action: should the guard die now, the next one knows
@@ -84,7 +102,7 @@ class Bookkeeping:
             cause=cause,
             utc=now_utc(),
             bench_time_s=round(record.time_s, 6),
-            unverified={"all safe actions": "under way"},
+            unverified=dict(UNDER_WAY),
             ack_if_verified=core.needs_ack,
         )
         self._keep(self._open)

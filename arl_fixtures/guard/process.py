@@ -92,6 +92,7 @@ class GuardProcess:
         try:
             while not self._over:
                 self._turn()
+            self._books.forget_session()
         except BaseException:
             # whatever it is that ends the guard: not without having tried
             if self._core.driven or self._core.to_do is not None:
@@ -127,7 +128,7 @@ class GuardProcess:
             if not self._over:
                 self._host.sleep(self._wake_s(), self._waiting)
         self._keep_books()
-        self._sentinel.tend(needed=self._core.state not in _SETTLED)
+        self._sentinel.tend(needed=self._core.state not in _SETTLED or bool(self._core.unverified))
         self._lease.renew()
 
     def _judge_life(self) -> None:
@@ -148,14 +149,10 @@ class GuardProcess:
 
     def _end_what_nobody_ended(self) -> None:
         """A predecessor died while a test drove the bench, or in the middle of making it safe: do that first."""
-        since, stop = self._books.found_driven, self._books.last_stop
-        if not since:
-            return
-        how, needs_ack = f"the guard died while a test, there since {since}, drove the bench", False
-        if stop is not None and stop.blocks:
-            how, needs_ack = f"{stop.cause}; the guard died while it made the bench safe", stop.ack_if_verified
-        self._core.found(self._now_s, how, needs_ack=needs_ack or self._settings.ack_after_lost_test)
-        self._keep_books()
+        how, needs_ack = self._books.what_nobody_ended
+        if how:
+            self._core.found(self._now_s, how, needs_ack=needs_ack or self._settings.ack_after_lost_test)
+            self._keep_books()
 
     @property
     def _urgent(self) -> bool:

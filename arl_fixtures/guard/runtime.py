@@ -201,6 +201,10 @@ def _stat(pid: int) -> list[str]:
 # -- the last stop
 
 
+UNDER_WAY: Final = {"all safe actions": "under way"}
+"""What cannot be verified yet when a stop begins."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StopReport:
     """Why a bench was stopped, what was done, and whether somebody must look.

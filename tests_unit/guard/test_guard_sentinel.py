@@ -139,6 +139,42 @@ def test_after_a_test_that_made_safe_itself_the_next_guard_verifies_and_reports_
     assert come_s >= lost_s(found, "test", of=-1)
 
 
+def test_what_a_guard_could_not_verify_before_it_died_is_tried_on_by_the_next(make_stand, run_test):
+    stand = make_stand("guard: {attempts: 1, poll_s: 1.0}")
+    pid = run_test(stand, go_on)
+    stand.inject(f"relays:silence@{stand.inspect()['state']['now_s']}")
+    kill(pid)
+    reap(pid)
+    stand.wait_for_state("safe")
+    first = stand.guard_pid()
+    kill(first)
+    second = until(lambda: (now := stand.guard_pid()) not in {0, first} and now, "another one comes")
+    assert not is_safe(stand.inspect()["state"])
+    stand.clear_faults()
+    found = came_and_went(stand)
+    assert is_safe(found["state"])
+    stop = read_stop(stand.places)
+    # somebody must look all the same, as the first one had said
+    assert (stop.unverified, stop.blocks) == ({}, True)
+    assert gone(second)
+
+
+def test_a_guard_that_is_told_to_end_stays_away_though_it_could_not_verify_all(make_stand, run_test):
+    stand = make_stand("guard: {attempts: 1, poll_s: 1.0}")
+    pid = run_test(stand, go_on)
+    sentinel = stands_by(stand)
+    stand.inject(f"relays:silence@{stand.inspect()['state']['now_s']}")
+    kill(pid)
+    reap(pid)
+    stand.wait_for_state("safe")
+    os.kill(stand.guard_pid(), signal.SIGTERM)
+    until(lambda: not stand.guard_pid(), "it obeys")
+    until(lambda: gone(sentinel), "the sentinel ends")
+    assert not stand.guard_pid()
+    assert log_of(stand, "nobody is left: the next guard is called") == []
+    assert read_stop(stand.places).unverified
+
+
 def test_an_orderly_end_leaves_no_sentinel_and_no_second_stop(stand, run_test):
     def end(guard, bench):
         return 0
