@@ -164,9 +164,13 @@ def changes(unit: DutSettings) -> dict[str, DutSettings]:
 def truths(case: str, unit: DutSettings, actual: DutSettings) -> dict[str, float]:
     """True value by measurement name; what a case does not touch is true for it, too."""
     before, after = Renderer(unit).power, Renderer(actual).power
+    # the total is that of the pixels that see: one that died in the patch takes its part of the change with it
+    alive = np.ones(before.shape, dtype=bool)
+    for u, v in {*unit.dead_pixels, *actual.dead_pixels}:
+        alive[v, u] = False
     relative = (after / after.mean()) / (before / before.mean()) - 1
     true = {
-        "power_change": 100 * (actual.gain * after.mean() / (unit.gain * before.mean()) - 1),
+        "power_change": 100 * (actual.gain * after[alive].mean() / (unit.gain * before[alive].mean()) - 1),
         "power_centroid_shift[azimuth]": actual.beam.azimuth_shift_deg,
         "power_centroid_shift[elevation]": 0.0,
         "power_width_change[azimuth]": 0.0,
