@@ -57,7 +57,7 @@ def load_yaml(path: Path) -> Any:  # noqa: ANN401 - a YAML document is anything 
         line, column = (mark.line + 1, mark.column + 1) if mark else (0, 0)
         problem = " ".join(str(error.problem or error.context or "not YAML").split())
         raise ConfigError(problem, path=path, line=line, column=column) from None
-    except YAMLError as error:
+    except (YAMLError, ValueError) as error:  # ValueError: what looks like a date and is none
         raise ConfigError(" ".join(str(error).split()), path=path) from None
 
 

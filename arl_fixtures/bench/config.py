@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from datetime import date, datetime
 from pathlib import Path
 from typing import Any, Final, Literal, Self
 
@@ -38,11 +39,24 @@ class DeviceEntry(FileModel):
     settings: Any = None
     emulator: Any = None
     serial: str = ""
-    calibration_due: str = Field(default="", pattern=r"^(\d{4}-\d{2}-\d{2})?$")
+    calibration_due: str = Field(default="", description="the last day that counts, e.g. 2027-03-01")
     certificate: str = ""
     accept_expired: str = Field(
         default="", description="why it may be used after that day; without a reason what rests on it is INVALID"
     )
+
+    @field_validator("calibration_due", mode="before")
+    @classmethod
+    def _a_day(cls, due: object) -> object:
+        # YAML reads a bare 2027-03-01 as a date
+        if isinstance(due, date) and not isinstance(due, datetime):
+            return due.isoformat()
+        if isinstance(due, str) and due:
+            try:
+                return datetime.strptime(due, "%Y-%m-%d").date().isoformat()
+            except ValueError:
+                raise ValueError("expected a day such as 2027-03-01") from None
+        return due
 
     @field_validator("url")
     @classmethod

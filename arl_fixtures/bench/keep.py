@@ -57,7 +57,7 @@ def keep_file(path: Path, sha256: str, kind: str, out: Path) -> Path:
     content = _read(path)
     if hashlib.sha256(content).hexdigest() != sha256:
         raise ConfigError("was changed while the session began", path=path)
-    kept = out / FOLDER / f"{kind}-{sha256[:DIGITS]}.yaml"
+    kept = _file(sha256, kind, out)
     _keep(kept, content)
     return kept
 
@@ -74,6 +74,16 @@ def kept_bench(out: Path, sha256: str) -> BenchConfig | None:
     units = sorted(folder.glob("dut-*.yaml"))
     config = read_bench(folder / "bench.yaml", units)
     return config if config.sha256 == sha256 else None
+
+
+def kept_file(sha256: str, kind: str, out: Path) -> Path | None:
+    """What `keep_file` kept under a hash; None where it was not kept, or is not what it was."""
+    path = _file(sha256, kind, out)
+    return path if path.is_file() and hashlib.sha256(_read(path)).hexdigest() == sha256 else None
+
+
+def _file(sha256: str, kind: str, out: Path) -> Path:
+    return out / FOLDER / f"{kind}-{sha256[:DIGITS]}.yaml"
 
 
 def _bench_folder(out: Path, sha256: str) -> Path:

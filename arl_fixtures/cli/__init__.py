@@ -20,6 +20,7 @@ COMMANDS: Final = {
     "history": "arl_fixtures.cli.results:history",
     "judge": "arl_fixtures.cli.results:judge",
     "lab": "arl_fixtures.cli.safety:lab",
+    "measure": "arl_fixtures.cli.measure:measure_command",
     "observe": "arl_fixtures.cli.observe:observe_command",
     "predict": "arl_fixtures.reconcile.command:predict_command",
     "reconcile": "arl_fixtures.reconcile.command:reconcile_command",

@@ -20,6 +20,8 @@ from arl_fixtures.yaml_model import FileModel
 Derived = TypeVar("Derived")
 
 NO_REFERENCE: Final = "no reference recorded yet"
+FEWEST_FRAMES: Final = 3
+"""At an angle; from fewer than this nothing can be said of their scatter."""
 
 
 class BenchUncertainty(FileModel):
@@ -86,7 +88,7 @@ class StepData:
             NotMeasurableError: nothing was recorded, or not enough.
         """
         if self._sweep is None:
-            raise NotMeasurableError(self.faults.get("frames", "no frames were recorded"))
+            raise NotMeasurableError(self._nothing)
         (height, width), dut = self._sweep.shape, self.dut
         if (height, width) != (dut.rows, dut.columns):
             raise NotMeasurableError(
@@ -95,14 +97,19 @@ class StepData:
         return self._sweep
 
     @property
+    def _nothing(self) -> str:
+        return self.faults.get("frames", "no frames were recorded")
+
+    @property
     def geometry(self) -> Geometry:
         """The twin's expectation.
 
         Raises:
-            NotMeasurableError: there is none.
+            NotMeasurableError: there is none, or nothing was recorded that it could be expected at.
         """
         if self._geometry is None:
-            raise NotMeasurableError("no twin of this DUT: its true ranges are not known")
+            unknown = "no twin of this DUT: its true ranges are not known"
+            raise NotMeasurableError(unknown if self._sweep is not None else self._nothing)
         return self._geometry
 
     def derive(self, function: Callable[[StepData], Derived]) -> Derived:
@@ -167,6 +174,9 @@ class StepData:
         recorded = 0 if self._sweep is None else len(self._sweep.frames)
         if recorded < self.expected_angles:
             parts.append(f"{recorded} of {self.expected_angles} stage angles recorded")
+        most = 0 if self._sweep is None else int(self._sweep.frames.max(initial=0))
+        if 0 < most < FEWEST_FRAMES:
+            parts.append(f"at most {most} frame{'s' * (most > 1)} at an angle")
         if self._sweep is not None and self._sweep.lost_rows:
             parts.append(f"{self._sweep.lost_rows} image rows lost")
         parts += [self.faults["frames"]] if "frames" in self.faults else []

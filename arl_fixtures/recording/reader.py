@@ -100,8 +100,19 @@ class StepBag:
             yield self._finish(dut)
         missing = [topic for topic in self._required if topic not in declared]
         if missing:
-            of = dict.fromkeys(f"{topic} of DUT {self._routes[topic][0]!r}" for topic in missing)
-            raise DataError(f"{self.path}: topic {', '.join(of)} is missing")
+            raise DataError(f"{self.path}: {self._missed(missing)}")
+
+    def _missed(self, topics: list[str]) -> str:
+        """Which topics are missing, in words; a DUT of which there is none is named once."""
+        by_dut: dict[str, list[str]] = {}
+        for topic in topics:
+            by_dut.setdefault(self._routes[topic][0], []).append(topic)
+        all_of = {dut: sum(self._routes[topic][0] == dut for topic in self._required) for dut in by_dut}
+        said = [
+            f"every topic of DUT {dut!r}" if len(found) == all_of[dut] else f"topic {', '.join(found)} of DUT {dut!r}"
+            for dut, found in by_dut.items()
+        ]
+        return f"{' and '.join(said)} is missing"
 
     def _take(self, message: Message) -> Iterable[AngleBlock]:
         """The blocks that a message ends."""

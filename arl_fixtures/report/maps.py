@@ -23,12 +23,12 @@ from arl_fixtures.metrics.geometry import GeometryCache
 from arl_fixtures.metrics.measures import distance_error, distance_scatter, intensity_scatter
 from arl_fixtures.metrics.measures.power import change_map
 from arl_fixtures.metrics.power_map import power_map
-from arl_fixtures.metrics.reference import NotMeasurableError, Reference
+from arl_fixtures.metrics.reference import NotMeasurableError
 from arl_fixtures.metrics.scatter_report import ScatterChannel, scatter_map
 from arl_fixtures.metrics.step import StepData
 from arl_fixtures.recording.bag_folder import verify
-from arl_fixtures.recording.names import inside
 from arl_fixtures.recording.reader import StepBag
+from arl_fixtures.recording.remeasure import reference_in, steps_of
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -94,33 +94,18 @@ class MapMaker:
             raise DataError(f"the bench file has no DUT {', '.join(unknown)}")
         path = record.bag_path(attempt.bag)
         verify(path, attempt.bag.sha256)
-        collected = collect(StepBag(path).blocks(), serials)
-        steps = {}
-        for serial in serials:
-            statistics = collected.statistics[serial]
-            summary = statistics.summary() if len(statistics) else None
-            steps[serial] = StepData(
-                dut=self._duts[serial],
-                conditions=conditions_of(attempt, record.begin.environment),
-                sweep=summary,
-                geometry=self._geometry[serial].at(summary.stage_angle_deg) if summary else None,
-                reference=_reference(record, serial),
-                faults=collected.faults,
-            )
-        return steps
+        return steps_of(
+            collect(StepBag(path).blocks(), serials),
+            {serial: self._duts[serial] for serial in serials},
+            self._geometry,
+            conditions_of(attempt, record.begin.environment),
+            references={serial: reference_in(record.path.parent / "references", serial) for serial in serials},
+        )
 
 
 def _without_place(error: ArlError, record: SessionRecord) -> str:
     """The error without the folder the journal happens to lie in: a report is the same wherever it is made."""
     return str(error).replace(f"{record.path.parent.resolve()}/", "").replace(f"{record.path.parent}/", "")
-
-
-def _reference(record: SessionRecord, serial: str) -> Reference | None:
-    try:
-        path = inside(record.path.parent / "references", f"{serial}.npz")
-        return Reference.load(path) if path.is_file() else None
-    except ArlError:
-        return None
 
 
 def _target_of(step: StepData) -> str:

@@ -42,6 +42,21 @@ def test_nothing_recorded_makes_every_metric_invalid_and_none_fail(bench):
     assert all(one.quantity is None and one.attempted for one in measured)
 
 
+def test_of_what_did_not_record_only_that_is_said(bench):
+    conditions, faults = Conditions(set_temperature_c=25.0), {"frames": "gone"}
+    step = StepData(dut=bench.dut, conditions=conditions, sweep=None, geometry=None, faults=faults)
+    assert {each.reason for each in measure(step)} == {"gone"}
+
+
+def test_two_frames_at_an_angle_are_too_few_and_said_to_be_two(bench):
+    few = SimulatedBench(bench.dut, angles_deg=bench.angles_deg[::4], frames=2)
+    found = measure(few.step())
+    reasons = {each.reason for each in found if each.metric in {"power_level", "distance_error", "focal_length"}}
+    assert reasons
+    assert all("(at most 2 frames at an angle)" in reason for reason in reasons)
+    assert any(each.metric == "dead_pixels" and each.quantity for each in found)
+
+
 def test_a_bag_cut_short_says_how_much_is_there(bench):
     def cut():
         for k, block in enumerate(bench.blocks(1)):
@@ -76,6 +91,13 @@ def test_a_missing_distance_topic_leaves_the_intensity_metrics(bench, sweep, fau
     assert all(name.startswith(("distance", "twin_distance", "dead_pixels")) for name in gone)
     assert value_of(measured, "power_level").quantity.value == pytest.approx(0.0, abs=0.1)
     assert value_of(measured, "focal_length", "fx").quantity.value == pytest.approx(58.1, abs=0.02)
+
+
+def test_without_intensities_the_slope_against_them_says_why(bench, sweep):
+    why = "topic /dut_SN_9/return1/intensity is missing"
+    found = measure(bench.step(sweep=sweep, faults={"intensity": why}))
+    assert value_of(found, "distance_error_per_decade").reason == why
+    assert value_of(found, "distance_error", "stripe_50").quantity is not None
 
 
 def test_lost_rows_cost_precision_and_not_the_value(bench):

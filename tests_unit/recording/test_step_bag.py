@@ -250,6 +250,19 @@ def test_a_missing_topic_is_named(make_bag: MakeBag, metadata: StepMetadata, tmp
         list(read_step(tmp_path / "less")[1])
 
 
+def test_a_dut_of_which_no_topic_is_there_is_named_once(
+    make_bag: MakeBag, metadata: StepMetadata, tmp_path: Path
+) -> None:
+    source = make_bag("step").path
+    token = topic_tokens(metadata.duts)["SN_1"]
+    with Reader(source) as reader, BagFolder(tmp_path / "less", metadata.to_custom_data()) as folder:
+        for connection, time_ns, data in reader.messages():
+            if not connection.topic.startswith(f"/{token}/"):
+                folder.file.message(folder.topic(connection.topic, connection.msgtype), time_ns, data)
+    with pytest.raises(DataError, match=r"less: every topic of DUT 'SN_1' is missing$"):
+        list(read_step(tmp_path / "less")[1])
+
+
 def test_a_frame_whose_images_are_not_all_there_is_left_out_and_counted(
     make_bag: MakeBag, metadata: StepMetadata, blocks: list[AngleBlock], tmp_path: Path
 ) -> None:

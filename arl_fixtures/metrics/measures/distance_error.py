@@ -120,6 +120,7 @@ def evaluate(step: StepData) -> list[Measurement]:
         measured.append(step.measured("distance_error", _error(step, errors), scope=target))
         measured.append(step.measured("distance_error_spread", _spread(errors), scope=target))
     try:
+        step.require("intensity")
         measured.append(step.measured("distance_error_per_decade", _per_decade(step, maps)))
     except NotMeasurableError as reason:
         measured.append(step.unmeasured("distance_error_per_decade", f"{reason}{lacking}"))
