@@ -23,7 +23,7 @@ from arl_fixtures.journal.record import SessionRecord, read_journal
 from arl_fixtures.plugin.setup import SessionFiles
 from tests_bench.guarded_cycle import OVER, Kill, Laboratory, drive, laboratory, until
 from tests_bench.killed_cycles import check_equal, count_ways, fork, journals, storage_calls, wait_for, whole_lines
-from tests_bench.plant_words import check_next_guard, check_safe, guard_was_called, lost_s
+from tests_bench.plant_words import check_next_guard, check_safe, energised, guard_was_called, lost_s
 from tests_bench.small_cycle import BENCH, fast, files_for, run_cycle, write_files
 
 SAFE_S = 2.0
@@ -105,6 +105,7 @@ class Trial:
     files: SessionFiles
     lab: Laboratory
     chance: random.Random
+    sentinel_may_die: bool = False
     deaths: list[str] = field(default_factory=list)
     orphaned: list[int] = field(default_factory=list)
 
@@ -130,6 +131,8 @@ class Trial:
             somebody_left = lab.wait_for_safety()
         found, events = lab.inspect(), lab.events()
         if whom == "test" and not somebody_left:
+            # before a sentinel is posted nothing is driven
+            assert self.sentinel_may_die or not energised(events), "nobody came"
             # the next guard must make safe before anything else
             self.deaths.append("all")
             self.orphaned.append(len(events))
@@ -164,7 +167,8 @@ def trial(stand: Stand, seed: int) -> str:
     lines = b""
     done = False
     with laboratory(room, files, kills) as lab:
-        each = Trial(stand, files, lab, chance)
+        drawn = [victims, *(name for kill in kills for name in kill.victims)]
+        each = Trial(stand, files, lab, chance, sentinel_may_die=any("sentinel" in names for names in drawn))
         while not done:
             done = each.session(mode=mode, victims=victims, program=seed % PROGRAM_EACH == 0)
             said = whole_lines(files.options.out)
