@@ -57,7 +57,9 @@ def expanded(measurement: Measurement) -> float:
 
 
 def half_width(measurement: Measurement, unit: str) -> float:
-    """Half width of the 95 % interval in another unit."""
+    """Half width of the 95 % interval in another unit; 0 where there is no value."""
+    if measurement.value is None:
+        return 0.0
     # an interval has no zero of its own: only the scale matters
     zero = convert(0.0, measurement.unit, unit)
     return abs(convert(expanded(measurement), measurement.unit, unit) - zero)

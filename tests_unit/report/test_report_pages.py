@@ -8,7 +8,7 @@ import zlib
 from html.parser import HTMLParser
 
 import pytest
-from report_samples import HOSTILE, drifting, one_step, report_of
+from report_samples import HOSTILE, drifting, journal, limit, one_step, report_of, step_id, step_of, value
 
 from arl_fixtures.report.html import html_page
 from arl_fixtures.report.lifetime import load_lifetime
@@ -102,6 +102,26 @@ def test_what_is_not_pass_is_told_in_words_not_by_colour_alone(tmp_path, number,
     page = Page(html_page(report_of(one_step(tmp_path, number, verdict, reason="too few frames"))))
     assert verdict.replace("_", " ") in page.text
     assert "too few frames" in page.text
+
+
+@pytest.mark.parametrize("cycles", [1, 5])
+@pytest.mark.parametrize("verdict", ["INVALID", "NOT_RUN"])
+def test_a_value_that_is_missing_has_no_unit_and_its_limit_has(tmp_path, cycles, verdict):
+    held = limit(-5.0, 5.0, unit="mm")
+    lines, plan = [], []
+    for cycle in range(cycles):
+        name = step_id(cycle, 0, 25.0)
+        last = cycle == cycles - 1
+        number, said_verdict, reason = (None, verdict, "stripe_80 is hidden or gone") if last else (0.1, "PASS", "")
+        values = value(name, "SN-1", number, said_verdict, metric="distance_scatter", reason=reason, held=held)
+        if not last:
+            values[0] = values[0].model_copy(update={"unit": "mm"})
+        lines += step_of(cycle, 0, 25.0, values, said_verdict)
+        plan.append(name)
+    path = journal(tmp_path, lines, plan, cycles=range(cycles))
+    text = Page(html_page(report_of(path))).text
+    assert "stripe_80 is hidden or gone" in text
+    assert verdict.replace("_", " ") in text
 
 
 def test_missing_maps_are_named_and_the_rest_is_there(tmp_path):
