@@ -13,7 +13,7 @@ from arl_fixtures.quantity import convert
 from arl_fixtures.report.cycles import Cycle
 from arl_fixtures.report.drawing import MARKERS, SHADES, drawn, label
 from arl_fixtures.report.maps import ImageMap
-from arl_fixtures.report.text import half_width, unit_text
+from arl_fixtures.report.text import axis_text, half_width
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -156,7 +156,7 @@ def over_temperature(
                 _panel(axes, own, unit, number)
             limit_lines(axes, limit)
             name = f"{metric}[{scope}]" if scope else metric
-            axes.set_title(f"{label(name)} / {unit_text(unit) or '1'}", loc="left")
+            axes.set_title(axis_text(label(name), unit), loc="left")
         panels[-1].set_xlabel("set temperature / °C   (filled: heating, open: cooling)")
         for number, serial in enumerate(serials):
             panels[0].plot([], [], color=SHADES[number % 8], marker=MARKERS[number % 8], label=label(serial))

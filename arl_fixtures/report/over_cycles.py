@@ -14,7 +14,15 @@ from arl_fixtures.report.drawing import MARKERS, SHADES, drawn, label
 from arl_fixtures.report.figures import limit_lines
 from arl_fixtures.report.lifetime import Equivalent, LifetimeModel, Stress, fatigue, rate
 from arl_fixtures.report.series import FALSE_DISCOVERIES, Series, series_over
-from arl_fixtures.report.text import half_width, limit_text, metric_text, shown, unbroken, unit_text, with_unit
+from arl_fixtures.report.text import (
+    axis_text,
+    half_width,
+    limit_text,
+    metric_text,
+    shown,
+    unbroken,
+    with_unit,
+)
 from arl_fixtures.report.trend import FEWEST_CYCLES, HORIZON, Law
 
 if TYPE_CHECKING:
@@ -147,9 +155,7 @@ def _draw_trends(panels: Sequence[Sequence[Series]], serials: Sequence[str]) -> 
                 _draw_series(axes, each, serials.index(each.dut) if each.dut in serials else 0)
             first = together[0]
             limit_lines(axes, first.limit)
-            axes.set_title(
-                f"{label(metric_text(first.metric, first.scope))} / {unit_text(first.limit.unit) or '1'}", loc="left"
-            )
+            axes.set_title(axis_text(label(metric_text(first.metric, first.scope)), first.limit.unit), loc="left")
         rows[-1].set_xlabel("cycle")
         rows[-1].xaxis.get_major_locator().set_params(integer=True)
         for number, serial in enumerate(serials):

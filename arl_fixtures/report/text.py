@@ -117,6 +117,12 @@ def unit_text(unit: str) -> str:
     return {"degC": "°C", "deg": "°", "1": "", "um": "µm", "us": "µs"}.get(unit, unit)
 
 
+def axis_text(name: str, unit: str) -> str:
+    """What an axis shows: `name / unit`, a pure number by its name alone."""
+    printed = unit_text(unit)
+    return f"{name} / {printed}" if printed else name
+
+
 def limit_text(limit: AppliedLimit | None) -> str:
     """Bounds with their unit."""
     if limit is None:

@@ -104,6 +104,24 @@ def test_what_is_not_pass_is_told_in_words_not_by_colour_alone(tmp_path, number,
     assert "too few frames" in page.text
 
 
+def test_short_cells_stay_on_a_line_and_long_ones_do_not(tmp_path):
+    long = "stripe_80 is hidden or gone: at 1.61 m, off by +0.50 m"
+    page = Page(html_page(report_of(one_step(tmp_path, None, "INVALID", dut="ARL-EMU-0001", reason=long))))
+    tables = [attributes for tag, attributes in page.tags if tag == "div" and attributes.get("class") == "wide"]
+    assert len(tables) == sum(tag == "table" for tag, _ in page.tags)
+    markup = html_page(report_of(tmp_path / "session-0001.jsonl"))
+    assert '<td data-label="DUT" class="whole">ARL-EMU-0001</td>' in markup
+    assert f'<td data-label="Why">{long}</td>' in markup
+
+
+def test_the_scope_of_a_metric_may_begin_a_line_and_is_the_same_text(tmp_path):
+    name = step_id(0, 0, 25.0)
+    values = value(name, "SN-1", 0.1, metric="distance_scatter_change", scope="<b>")
+    markup = html_page(report_of(journal(tmp_path, step_of(0, 0, 25.0, values), [name])))
+    assert "distance_scatter_change<wbr>[&lt;b&gt;]" in markup
+    assert "distance_scatter_change[<b>]" in Page(markup).text
+
+
 @pytest.mark.parametrize("cycles", [1, 5])
 @pytest.mark.parametrize("verdict", ["INVALID", "NOT_RUN"])
 def test_a_value_that_is_missing_has_no_unit_and_its_limit_has(tmp_path, cycles, verdict):
