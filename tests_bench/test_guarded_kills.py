@@ -32,7 +32,7 @@ NOTICED_S = 1.0
 """A test that only waits gives a sign of life each second, and by that notices the death of its guard."""
 SECOND_KILL = 0.3
 LARGEST_DEATHS = 4
-"""Two by each way to die, and a guard that met the test's storage call: see `MODES`."""
+"""Two by each of two kills: one of two victims may die when the other is on its way already."""
 LATER_S = 0.5
 """While one makes safe, the other may die, too."""
 MODES = ("bench time", "wall clock", "storage call")
