@@ -26,8 +26,8 @@ class Collected:
 def collect(blocks: Iterable[AngleBlock], duts: Iterable[str]) -> Collected:
     """Reduce the blocks of all DUTs, in one pass.
 
-    A recording that turns out to be cut or damaged keeps its blocks up to there; the metrics that need more become
-    INVALID with the reason, the others are measured.
+    A recording that turns out to be cut or damaged keeps its blocks up to there, and a block that does not fit the
+    others of its DUT is left out; the metrics that need more become INVALID with the reason, the others are measured.
 
     Args:
         blocks: from the sweep or from a bag; of DUTs in `duts` only.
@@ -37,14 +37,19 @@ def collect(blocks: Iterable[AngleBlock], duts: Iterable[str]) -> Collected:
         DataError: a block is of a DUT that should not be there.
     """
     statistics = {serial: SweepStatistics(serial) for serial in duts}
-    iterator = iter(blocks)
+    iterator, faults = iter(blocks), list[str]()
     while True:
         try:
             block = next(iterator)
         except StopIteration:
-            return Collected(statistics=statistics, faults={})
+            break
         except DataError as error:
-            return Collected(statistics=statistics, faults={"frames": str(error)})
+            faults.append(str(error))
+            break
         if block.dut not in statistics:
             raise DataError(f"the recording holds DUT {block.dut}, which this bench does not have")
-        statistics[block.dut].add(block)
+        try:
+            statistics[block.dut].add(block)
+        except DataError as error:
+            faults.append(str(error))
+    return Collected(statistics=statistics, faults={"frames": "; ".join(dict.fromkeys(faults))} if faults else {})

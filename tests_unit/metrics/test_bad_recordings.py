@@ -73,6 +73,20 @@ def test_a_bag_cut_short_says_how_much_is_there(bench):
     assert value_of(measure(step), "operating", "laser_current_a").quantity.value == pytest.approx(90.0)
 
 
+def test_a_block_of_another_image_size_is_left_out_and_named(bench):
+    blocks = [*bench.blocks(1)][:6]
+    blocks[2] = replace(
+        blocks[2],
+        intensity_counts=blocks[2].intensity_counts[..., :64],
+        distance_m=blocks[2].distance_m[..., :64],
+    )
+    collected = collect(blocks, [bench.dut.serial])
+    assert collected.statistics[bench.dut.serial].stage_angle_deg.tolist() == [
+        block.stage_angle_deg for k, block in enumerate(blocks) if k != 2
+    ]
+    assert collected.faults == {"frames": "SN-9: image size changed within the sweep to [32, 64]"}
+
+
 def test_missing_operating_data_leave_the_frames_alone(bench, sweep):
     step = bench.step(
         sweep=replace(sweep, operating={}), faults={"operating": "topic /dut_SN_9/operating is missing"}
