@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping
 from enum import StrEnum
 from functools import cached_property
@@ -12,7 +13,7 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from arl_fixtures.errors import ConfigError, UnitError
 from arl_fixtures.quantity import check_unit, convert
-from arl_fixtures.yaml_model import FileModel, load_model, named_file
+from arl_fixtures.yaml_model import FileModel, fault_at, load_model, named_file
 
 
 class Rule(StrEnum):
@@ -159,7 +160,7 @@ def load_limits(path: Path) -> LimitSet:
 
 
 def check_metrics(
-    limits: LimitSet, known: frozenset[str], units: Mapping[str, str], path: Path | str = ""
+    limits: LimitSet, known: frozenset[str], units: Mapping[str, str], path: Path | None = None
 ) -> None:
     """Refuse limits that could never be judged: of metrics that nothing measures, or in a foreign dimension.
 
@@ -167,16 +168,22 @@ def check_metrics(
         limits: the limits file.
         known: names of all metrics.
         units: unit in which a metric is always measured, where there is one.
-        path: of the file, for the message.
+        path: of the file, for line and column in the message.
 
     Raises:
         ConfigError: names the first such limit and what was expected.
     """
-    for limit in limits.limits:
+    for number, limit in enumerate(limits.limits):
         if limit.metric not in known:
-            names = ", ".join(sorted(known))
-            raise ConfigError(f"no metric '{limit.metric}'; there are {names}", path=path)
+            near = difflib.get_close_matches(limit.metric, known, n=1)
+            hint = f"did you mean '{near[0]}'? There" if near else "there"
+            message = f"no metric '{limit.metric}'; {hint} are {', '.join(sorted(known))}"
+            raise _fault(path, [number, "metric"], message)
         try:
             convert(1.0, units.get(limit.metric, limit.unit), limit.unit)
         except UnitError as error:
-            raise ConfigError(f"limit of '{limit.metric}': {error}", path=path) from None
+            raise _fault(path, [number, "unit"], f"limit of '{limit.metric}': {error}") from None
+
+
+def _fault(path: Path | None, place: list[str | int], message: str) -> ConfigError:
+    return ConfigError(message) if path is None else fault_at(path, ["limits", *place], message)

@@ -50,9 +50,18 @@ def test_every_fault_of_a_file_is_told_at_once(tmp_path):
 
 
 def test_a_limit_of_a_metric_that_does_not_exist_is_refused(tmp_path):
-    limits = load_limits(written(tmp_path, "  - {metric: dead_pixles, unit: '1', upper: 1, reason: r}\n"))
-    with pytest.raises(ConfigError, match=r"no metric 'dead_pixles'.*dead_pixels"):
-        check_metrics(limits, metric_names(), {}, "limits.yaml")
+    path = written(tmp_path, "  - {metric: dead_pixles, unit: '1', upper: 1, reason: r}\n")
+    limits = load_limits(path)
+    with pytest.raises(ConfigError, match=r"yaml:4:14: .*no metric 'dead_pixles'; did you mean 'dead_pixels'\?"):
+        check_metrics(limits, metric_names(), {}, path)
+    with pytest.raises(ConfigError, match=r"^no metric 'dead_pixles'"):
+        check_metrics(limits, metric_names(), {})
+
+
+def test_a_limit_in_a_foreign_dimension_is_refused_where_it_stands(tmp_path):
+    path = written(tmp_path, "  - {metric: distance_error, unit: mm, upper: 1, reason: r}\n")
+    with pytest.raises(ConfigError, match=r"limits\.yaml:4:36: .*limit of 'distance_error': .*another dimension"):
+        check_metrics(load_limits(path), metric_names(), metric_units(), path)
 
 
 @pytest.mark.parametrize("path", sorted((Path(__file__).parents[2] / "limits").glob("*.yaml")), ids=lambda p: p.name)
