@@ -26,7 +26,7 @@ from arl_fixtures.recording.bags import bags_in
 from arl_fixtures.recording.metadata import StepMetadata
 from arl_fixtures.recording.reader import StepBag
 from arl_fixtures.recording.remeasure import RecordedStep, Remeasurer
-from arl_fixtures.report.text import shown, value_text
+from arl_fixtures.report.text import no_formula, shown, value_text
 
 PATH = click.Path(path_type=Path)
 LONGEST_LINE = 100_000
@@ -59,10 +59,8 @@ def measure_command(
         try:
             step, judgements = session.judged(bag)
         except DataError as error:
-            if as_csv:
-                raise
             verdicts.append(Verdict.INVALID)
-            click.echo(f"{bag.name} INVALID: {shown(str(error))}")
+            click.echo(f"{shown(bag.name)} INVALID: {shown(str(error))}", err=as_csv)
             continue
         verdict, decisive = overall(judgements)
         verdicts.append(verdict)
@@ -180,4 +178,4 @@ def _row(metadata: StepMetadata, judgement: Judgement) -> tuple[object, ...]:
     numbers = ("", "", "") if quantity is None else (float(quantity.value), quantity.unit, float(quantity.u))
     limit = "" if judgement.limit is None else str(judgement.limit)
     named = (metadata.step_id, metadata.attempt, of.dut, of.metric, of.scope)
-    return (*named, *numbers, judgement.verdict.value, limit, judgement.reason)
+    return tuple(no_formula(cell) for cell in (*named, *numbers, judgement.verdict.value, limit, judgement.reason))

@@ -25,7 +25,7 @@ from arl_fixtures.report.cycles import load_cycles
 from arl_fixtures.report.document import make_report
 from arl_fixtures.report.junit import junit_xml
 from arl_fixtures.report.lifetime import load_lifetime
-from arl_fixtures.report.text import rounded, shown, with_unit
+from arl_fixtures.report.text import no_formula, rounded, shown, with_unit
 from arl_fixtures.report.write import map_maker, report_name, write_report
 
 PATH = click.Path(path_type=Path)
@@ -129,7 +129,7 @@ def history(
         writer = csv.writer(sys.stdout, lineterminator="\n")
         names = tuple(HistoryRow.__dataclass_fields__)
         writer.writerow(names)
-        writer.writerows([_safe(getattr(row, name)) for name in names] for row in rows)
+        writer.writerows([no_formula(getattr(row, name)) for name in names] for row in rows)
         return
     table = Table(box=None, header_style="bold")
     for title in ("step", "try", "DUT", "metric", "value", "verdict", "reason"):
@@ -147,8 +147,3 @@ def _cells(row: HistoryRow) -> tuple[str, ...]:
     name = f"{row.metric}[{row.scope}]" if row.scope else row.metric
     texts = (row.step_id, str(row.attempt), row.dut, name, value, row.verdict, row.reason)
     return tuple(shown(text) for text in texts)
-
-
-def _safe(value: object) -> object:
-    """A text that a spreadsheet would take for a formula is marked as text."""
-    return f"'{value}" if isinstance(value, str) and value[:1] in {"=", "+", "@", "\t", "\r"} else value

@@ -35,6 +35,11 @@ def _spelt(character: str) -> str:
     return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
 
 
+def no_formula(value: object) -> object:
+    """A text that a spreadsheet would take for a formula is marked as text."""
+    return f"'{value}" if isinstance(value, str) and value[:1] in {"=", "+", "@", "\t", "\r"} else value
+
+
 def rounded(value: float, half_width: float) -> str:
     """Value and half width of its interval, the latter to two digits: `-0.012 ± 0.034`."""
     if not math.isfinite(value):

@@ -175,6 +175,9 @@ def test_a_bag_of_an_unknown_dut_or_without_its_index_says_so_and_the_next_one_i
     assert len(lines) == 3
     assert "the bench file describes no DUT ARL-EMU-0002, only ARL-EMU-0001, ARL-EMU-0003" in lines[0]
     assert lines[2] == "INVALID: 2 steps"
+    result = CliRunner().invoke(arl, ["measure", str(out), "--bench", str(other), "--csv"], catch_exceptions=False)
+    assert len(result.stdout.splitlines()) == 1
+    assert result.stderr.count("the bench file describes no DUT ARL-EMU-0002") == 2
 
 
 def test_what_cannot_be_measured_at_all_is_one_line(out, tmp_path):
