@@ -5,7 +5,8 @@
 One bag of a step at full size (134 angles × 10 frames × 3 DUTs, the twin's frames and noise), written by the
 recorder. Compared in processor time of one process: reading every message with the `mcap` library, and reading the
 blocks, reducing them, and measuring and judging every metric of the three DUTs. The twin's expectation is rendered
-once for a bench, and kept beside its output, where a later process finds it.
+once for a bench, in a session while the stage turns back from its first sweep, and kept beside its output, where a
+later process finds it. What a bag costs that is measured where nothing was kept is told, and held to no limit.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ DUTS = tuple(DutSettings(serial=f"SN-{k}", height_m=height_m) for k, height_m in
 MOST_RATIO = 3.0
 MOST_BYTES = 1024**3
 MOST_REDUCTION_MS = 1.0
+FROM_NOTHING = "very first step of a bench from its bag, nothing rendered before"
 
 
 def write_bag(folder: Path) -> Path:
@@ -85,8 +87,9 @@ def main() -> int:
         print(f"mcap alone: {alone_s:.2f} s for {size / 1e6:.0f} MB of messages")
         store = Path(folder) / "cache"
         caches: dict[str, GeometryCache] = {}
+        held: list[float] = []
         for label, fresh, rendered in (
-            ("very first step of a bench from its bag, nothing rendered before", True, False),
+            (FROM_NOTHING, True, False),
             ("second step", False, False),
             ("third step", False, False),
             ("very first step of a bench in a session, expectation rendered while the stage turned back", True, True),
@@ -117,9 +120,11 @@ def main() -> int:
                 references.setdefault(dut.serial, remember(step))
             judged = judge(measured, limits, conditions)
             total_s = time.process_time() - started
+            allowed = f" (allowed {MOST_RATIO:g})" if label != FROM_NOTHING else ""
+            held += [total_s / alone_s] if allowed else []
             print(
                 f"{label}: {total_s:.2f} s ({read_s:.2f} s reading and reducing), {len(measured)} values, "
-                f"{len(judged)} verdicts: {total_s / alone_s:.2f} × mcap alone (allowed {MOST_RATIO:g})"
+                f"{len(judged)} verdicts: {total_s / alone_s:.2f} × mcap alone{allowed}"
             )
         one = next(StepBag(bag).blocks())
         statistics = SweepStatistics(one.dut)
@@ -135,7 +140,7 @@ def main() -> int:
     print(f"reducing one block of {FRAMES} frames: {reduction_ms:.2f} ms (allowed {MOST_REDUCTION_MS:g})")
     print(f"judging {len(measured)} values: {judging_ms:.2f} ms")
     print(f"peak memory: {peak / 1024**2:.0f} MiB (allowed {MOST_BYTES / 1024**2:.0f})")
-    return int(total_s > MOST_RATIO * alone_s or peak > MOST_BYTES or reduction_ms > MOST_REDUCTION_MS)
+    return int(max(held) > MOST_RATIO or peak > MOST_BYTES or reduction_ms > MOST_REDUCTION_MS)
 
 
 if __name__ == "__main__":
