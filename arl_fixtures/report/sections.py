@@ -205,7 +205,7 @@ def _dut_table(serial: str, rows: list[ResultRow]) -> Table:
     ordered = sorted(rows, key=lambda row: -row.verdict.badness)
     return Table(
         title=f"Values of {shown(serial)} against their limits",
-        header=("Metric", "Limit", "Nearest to the limit", "At", "Range over the steps", "Verdict"),
+        header=("Metric", "Limit", "Nearest to the limit", "At", "Over the steps", "Verdict"),
         rows=tuple(_row(row) for row in ordered),
         weights=(2.9, 2.0, 2.2, 1.2, 2.0, 1.2),
         note="One row for each limit; of the values with the worst verdict the one nearest to its limit, in "
