@@ -10,6 +10,10 @@ from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.roles import Role, role_of, unit_of
 
+IMAGE_COLUMNS = ("dut", "cycle", "step", "stage_angle_deg")
+"""What tells images apart on a bench with a rotary stage."""
+FEWEST_PIXELS, REPEATED = 4, 0.01
+"""Rows that an image has at least, and share of rows whose pixel may stand in its image twice."""
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
@@ -73,6 +77,30 @@ class Columns:
                 code = np.unique(code * (int(part.max()) + 1) + part, return_inverse=True)[1].astype(np.int64)
             self._groups[present] = code
         return self._groups[present]
+
+    @property
+    def image_columns(self) -> tuple[str, ...]:
+        """Columns that tell images apart: where a pixel stands in one twice, one more (time, a lamp's level) does."""
+        if "image columns" not in self.memo:
+            self.memo["image columns"] = self._find_image_columns()
+        found: tuple[str, ...] = self.memo["image columns"]
+        return found
+
+    def _find_image_columns(self) -> tuple[str, ...]:
+        if not {"pixel_u", "pixel_v"} & set(self.numbers) or not self._repeat_pixels(IMAGE_COLUMNS):
+            return IMAGE_COLUMNS
+        taken = {c.name for c in self.channels} | {c.parent for c in self.channels}
+        names = [n for n in sorted(self.numbers) if not n.startswith(("sim_", "pixel_")) and n not in taken]
+        for name in sorted(names, key=lambda n: n != "time_s"):
+            columns = (*IMAGE_COLUMNS, name)
+            images = int(self.group(*columns).max()) + 1
+            if images * FEWEST_PIXELS <= self.n and not self._repeat_pixels(columns):
+                return columns
+        return IMAGE_COLUMNS
+
+    def _repeat_pixels(self, columns: tuple[str, ...]) -> bool:
+        """Whether pixels stand more than once in what the columns tell apart."""
+        return int(self.group(*columns, "pixel_u", "pixel_v").max()) + 1 < (1.0 - REPEATED) * self.n
 
     def match(self, key: tuple[object, ...], own: IntArray, wanted: IntArray) -> IntArray:
         """Row whose `own` code equals each row's `wanted` code, −1 where there is none; cached under `key`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import expit
 
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.decide import Decision
@@ -14,14 +15,17 @@ CONSTANT_Z = 3.5
 """Errors by which the constant of a channel without a finding must differ from nothing."""
 NAMED_ERRORS = 1.5
 """Errors that a constant beside a name must exceed: a name's law brings its own zero, an empirical one none."""
+FITTED_ERRORS = 1.5
+"""Rows' own errors of the mean within which a simulation agrees that was calibrated on these very rows."""
 
 
 def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
     """Gain or offset of each unit that the fit needs beside the findings.
 
     What a finding changes on average is in the measurement, too, unless a calibration took it away: there the
-    constant belongs to the prediction as far as it exceeds its own error (1.5 times that beside a name). Elsewhere it
-    must be significant.
+    constant belongs to the prediction as far as it exceeds its own error (1.5 times that beside a name), and as a
+    whole as far as the simulation agrees with the rows' mean better than steps and images that differ by chance
+    would let it, which only a calibration on these rows does. Elsewhere it must be significant.
     """
     problem = decision.problem
     state, untouched = decision.final_state(), problem.view.fresh_state()
@@ -34,6 +38,9 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
         acted = not np.array_equal(state[d.channel.name], untouched[d.channel.name], equal_nan=True)
         sure = 1.0 if d.channel.name in lawful else NAMED_ERRORS
         values, errors = _shrunk(d, d.residual(state), sure) if acted else _plain(d, d.residual(state))
+        if acted:
+            share = fitted_share(d, d.residual(untouched), errors)
+            values = share * _means(d, d.residual(state))[0] + (1.0 - share) * values
         found: dict[str, float] = {}
         for unit in range(d.units):
             first = d.use[np.flatnonzero(d.unit == unit)[0]]
@@ -48,6 +55,23 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
 def _plain(d: ChannelData, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Constants of the units and their errors under the channel's noise."""
     return d.constants_of(d.whitener(residual)), 1.0 / np.sqrt(d.intercept_weight)
+
+
+def _means(d: ChannelData, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean gain or offset of each unit's rows, and its error if these shared none."""
+    weight = (d.root_weight * d.scale) ** 2
+    power = np.maximum(np.bincount(d.unit, weight, minlength=d.units), 1e-300)
+    return np.bincount(d.unit, weight * residual / d.scale, minlength=d.units) / power, 1.0 / np.sqrt(power)
+
+
+def fitted_share(d: ChannelData, residual: FloatArray, errors: FloatArray) -> float:
+    """Probability that the simulation was calibrated on these rows, one half where its agreement tells nothing."""
+    means, alone = _means(d, residual)
+    told = np.isfinite(errors) & (errors > alone)
+    fitted = FITTED_ERRORS * alone[told]
+    chance = np.hypot(errors[told], fitted)
+    odds = 0.5 * means[told] ** 2 * (1.0 / fitted**2 - 1.0 / chance**2) - np.log(chance / fitted)
+    return float(expit(-np.sum(odds)))
 
 
 def _shrunk(d: ChannelData, residual: FloatArray, sure: float) -> tuple[FloatArray, FloatArray]:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from arl_fixtures.reconcile.acceptance import MISFIT_SHARE, PRICE
+from arl_fixtures.reconcile.dead import bring_back
 from arl_fixtures.reconcile.diagnosis import ChannelFit, Finding
 from arl_fixtures.reconcile.effect import Effect, State
 from arl_fixtures.reconcile.findings import (
@@ -22,6 +23,7 @@ from arl_fixtures.reconcile.findings import (
     scatter_finding,
 )
 from arl_fixtures.reconcile.fit import Fit, finish, fit, with_vector
+from arl_fixtures.reconcile.followed import condition_of
 from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.law_search import add_trees, is_law, search_law
 from arl_fixtures.reconcile.locate import locate, located_law
@@ -45,7 +47,7 @@ from arl_fixtures.reconcile.rivals import (
     share_beside,
 )
 from arl_fixtures.reconcile.roles import Role
-from arl_fixtures.reconcile.search import LEVEL_NAME, Found, Search, constant_z
+from arl_fixtures.reconcile.search import Found, Search, constant_z
 from arl_fixtures.reconcile.terms import Term, forward
 
 STRUCTURE_Z, STRUCTURE_GAIN = 3.7, 12.0
@@ -98,6 +100,7 @@ class Decision:
     def __init__(self, search: Search, found: Found, effects: Sequence[Effect]) -> None:
         self.search, self.found, self.effects = search, found, effects
         self.problem: Problem = found.problem
+        bring_back(self.problem)
         self.best: Fit = found.best
         self.patterns: list[Pattern] = []
         self.laws: list[Law] = []
@@ -162,9 +165,23 @@ class Decision:
         """Share of a channel's mismatch that stays predictable."""
         left = self.after[name]
         if not is_structure(left):
-            return 0.0
+            return self._left_in_steps(name)
         now = self._gain_of_terms(name)
         return left.gain / max(self.found.before[name].gain, left.gain + max(now, 0.0), 1.0)
+
+    def _left_in_steps(self, name: str) -> float:
+        """Share of what steps differ by that they still differ by, where it follows a recorded condition."""
+        d = next(d for d in self.problem.data if d.channel.name == name)
+        level = next((level for level in d.levels if level.name == "step"), None)
+        state, untouched = forward(self.terms, self.problem.view), self.problem.view.fresh_state()
+        if level is None or state[name] is untouched[name] or not is_structure(self.found.before[name]):
+            return 0.0
+        taus = [d.fit_scatter(d.residual(s))[1]["step"] for s in (untouched, state)]
+        size = float(np.median(level.scale))
+        before, after = (size**2 * max(tau**2 - level.floor**2, 0.0) for tau in taus)
+        moved = d.expect * (state[name] - untouched[name])[d.use]
+        share = after / max(before, float(np.mean(moved**2)), 1e-300)
+        return share if share > LEFT_SHARE and condition_of(self.problem, d, "step", state) else 0.0
 
     def _gain_of_terms(self, name: str) -> float:
         """Drop of half the sum of squares of a channel that the accepted effects bring."""
@@ -182,8 +199,8 @@ class Decision:
         kept = tuple(t for t in self.best.terms if not self._mostly_in(t, bad))
         if len(kept) != len(self.best.terms):
             self.best = finish(self.problem, fit(self.problem, kept, rounds=4))
-            if self.found.screening is not None:  # a name may only have mended one that does not stand
-                self.best = self.search.prune(self.best, self.found.screening.threshold(LEVEL_NAME))
+            # a name may only have mended one that does not stand
+            self.best = self.search.prune(self.best, self.found.screening)
             self.patterns = []  # found beside what does not stand
             self._look()
             self._add_patterns()
@@ -243,7 +260,7 @@ class Decision:
         lawful = {law.channel for law in self.laws}
         scatters = [
             s for s in find_scatter(self.problem, self.effects, self.final_state())
-            if s.channel not in lawful and s.value > SCATTER_SHARE * self._moved(s)
+            if s.channel not in lawful and s.value > SCATTER_SHARE * self._moved(s) and not self._is_jitter(s)
         ]  # fmt: skip
         self.scatters = [s for s in scatters if not s.driver][:1]
         acted = {name for term in self.terms for name in self.energy(term)}
@@ -252,6 +269,12 @@ class Decision:
                 d = next(d for d in self.problem.data if d.channel.name == s.channel)
                 relative = d.channel.role in {Role.INTENSITY, Role.SCATTER}
                 self.laws.append(Law(channel=s.channel, relative=relative, terms=[], drivers=[s.driver], gain=s.gain))
+
+    def _is_jitter(self, scatter: Scatter) -> bool:
+        """Whether images scatter because a name says that all rows of a frame do so together."""
+        return scatter.level == "frame" and any(
+            term.effect.common and f"{scatter.channel}_std" in term.variant.channels for term in self.best.terms
+        )
 
     def _moved(self, scatter: Scatter) -> float:
         """Standard deviation, over a scatter's groups, of what the names and patterns do to its channel."""

@@ -176,6 +176,10 @@ class Effect(ABC):
     kind: ClassVar[Kind] = Kind.MEAN
     shared: ClassVar[bool] = False
     """Whether it acts on all units alike by its nature (one stage turns every DUT): it is not tried on one alone."""
+    sparse: ClassVar[bool] = False
+    """Whether it takes few pixels whole: what they see is then left out while other effects are sought."""
+    common: ClassVar[bool] = False
+    """Whether the scatter that it adds is the same in all rows of a frame: means of few frames then scatter, too."""
     confusable: ClassVar[tuple[str, ...]] = ()
     """Ids that some tables cannot tell from this one (the engine tests whether this table can)."""
 

@@ -27,6 +27,8 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 """Name of a grouping (an option of group-scatter variants) to the columns whose combination makes a group."""
 
+_DARK = 1e-6
+"""Share of the largest signal below which a row sees nothing that would tell of the noise."""
 _SAMPLE = 20_000
 _ROOM_C = 25.0
 _WINDOW = ("plate_", "coolant_", "ambient_", "set_")
@@ -203,7 +205,8 @@ def _distance_noise_law(view: View, distance: str, signal: str) -> tuple[float, 
         if any(name not in numbers for name in needed):
             return 1.0, 0.0
         spread, sigma, light = (numbers[name] for name in needed)
-        good = np.isfinite(spread) & (spread > 0.0) & np.isfinite(sigma) & np.isfinite(light) & (light > 0.0)
+        lit = light > _DARK * float(np.nanmax(light, initial=0.0))
+        good = np.isfinite(spread) & (spread > 0.0) & np.isfinite(sigma) & lit
         rows = np.flatnonzero(good)[:: max(1, int(good.sum()) // _SAMPLE)]
         if rows.size < 3:
             return 1.0, 0.0

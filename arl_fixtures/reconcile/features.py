@@ -11,6 +11,8 @@ from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
 
 NEIGHBOURS = ((1, 0), (-1, 0), (0, 1), (0, -1))
+LEAST_OWN = 1e-3
+"""Share of the median signal below which a row's own counts as that in a ratio: what sees nothing has no ratio."""
 
 
 def category_id(label: str) -> float:
@@ -41,7 +43,8 @@ def features_of(view: View) -> dict[str, FloatArray]:
             found[f"sim_{name}"] = values
     signal = view.channel(Role.INTENSITY)
     if signal:
-        own = np.maximum(np.abs(view.sim[signal]), 1e-9)
+        size = np.abs(view.sim[signal])
+        own = np.maximum(size, max(LEAST_OWN * float(np.nanmedian(size)), 1e-9))
         if view.varies("pixel_u") or view.varies("pixel_v"):
             near = [view.neighbour(state, signal, du=du, dv=dv) for du, dv in NEIGHBOURS]
             stacked = np.stack(near)

@@ -26,7 +26,7 @@ from arl_fixtures.reconcile.terms import Term, forward
 if TYPE_CHECKING:
     from arl_fixtures.reconcile.decide import Decision
 
-TWIN_GAIN, TWIN_SHARE = 3.0, 0.02
+TWIN_GAIN, TWIN_SHARE = 3.0, 0.03
 """An alternative that loses less than this (log-likelihood, or share of the finding's gain) cannot be told apart."""
 
 

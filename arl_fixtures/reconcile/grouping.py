@@ -12,11 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray
+from arl_fixtures.reconcile.columns import IMAGE_COLUMNS, Columns, FloatArray, IntArray
 
 UNIT_WORDS = ("zone", "pixel", "channel", "sensor", "device", "unit", "module", "serial", "run", "tap")
 DEVICE_WORDS = ("dut", "sensor", "device", "module", "serial", "run")
 """Columns that tell instruments or recordings apart; zones or taps of one device share the errors of its steps."""
+PATCHES, RUNS = "patches of pixels", "runs of neighbouring rows"
+WITHIN_IMAGES = (PATCHES, RUNS)
+"""Blocks that take a part of each image."""
 BLOCKS_WITHOUT_STEPS = 16
 FEWEST_BLOCKS = 5
 
@@ -45,6 +48,13 @@ class Groups:
     block_name: str
     unit_columns: tuple[str, ...]
 
+    @property
+    def unseen_alike(self) -> IntArray | None:
+        """Rows whose common error holding blocks out does not test, as blocks take some of each; None for none."""
+        if self.block is self.step:
+            return None
+        return self.frame if self.frame is not None and self.block_name in WITHIN_IMAGES else self.step
+
 
 def find_groups(table: Columns) -> Groups:
     """Groups of a table, see `Groups`."""
@@ -63,6 +73,8 @@ def find_groups(table: Columns) -> Groups:
             step = _dense(unit, _blocks_along(table.numbers[swept], unit))
             name = f"blocks of neighbouring {swept}"
     frame = _dense(step, angle) if angle is not None else None
+    if len(table.image_columns) > len(IMAGE_COLUMNS):
+        frame = _dense(step, table.group(*table.image_columns))
     pixel = None
     if "pixel_u" in table.numbers or "pixel_v" in table.numbers:
         pixel = _dense(unit, table.group("pixel_u", "pixel_v"))
@@ -150,9 +162,9 @@ def _last_resort(table: Columns, unit: IntArray) -> tuple[IntArray, str]:
         return table.codes_of("stage_angle_deg"), "stage angles"
     if "pixel_u" in table.numbers:
         v = table.numbers.get("pixel_v", np.zeros(table.n))
-        return table.group("pixel_u") // 4 * 1000 + np.nan_to_num(v).astype(np.int64) // 4, "patches of pixels"
+        return table.group("pixel_u") // 4 * 1000 + np.nan_to_num(v).astype(np.int64) // 4, PATCHES
     pieces = max(min(BLOCKS_WITHOUT_STEPS, table.n // 2), 1)
-    return np.arange(table.n) * pieces // table.n, "runs of neighbouring rows"
+    return np.arange(table.n) * pieces // table.n, RUNS
 
 
 def typical_gaps(table: Columns) -> tuple[float, float]:

@@ -19,6 +19,8 @@ from arl_fixtures.reconcile.features import category_id
 from arl_fixtures.reconcile.roles import unit_of
 
 Features = dict[str, FloatArray]
+LEAST_RATIO = 1e-3
+"""Least value of a column, as a share of its middle, of which `log` and `inverse` are taken."""
 INTEGER_AXES = ("pixel_u", "pixel_v", "step", "cycle")
 CLUSTER_GAP, MOST_CLUSTERS = 0.03, 9
 """Share of a column's span from which a gap parts clusters of its values, and how many such gaps are looked at."""
@@ -176,9 +178,9 @@ def _function(kind: str, x: FloatArray, axis: Axis) -> FloatArray:
         case "exp":
             return np.asarray(np.exp(np.clip(3.0 * ratio, -20.0, 20.0)))
         case "inverse":
-            return np.asarray(axis.middle / np.where(x > 0, x, np.nan))
+            return np.asarray(1.0 / np.where(x > 0, np.maximum(x / axis.middle, LEAST_RATIO), np.nan))
         case "log":
-            return np.asarray(np.log(np.where(x > 0, x, np.nan) / axis.middle))
+            return np.asarray(np.log(np.where(x > 0, np.maximum(x / axis.middle, LEAST_RATIO), np.nan)))
         case "sin":
             return np.asarray(np.sin(2.0 * np.pi * x / axis.at))
         case "cos":
@@ -227,7 +229,7 @@ def axes_of(name: str, values: FloatArray, labels: tuple[str, ...]) -> Iterator[
     if len(np.unique(finite)) < 3:
         return
     yield Axis(**base, kind="square")  # type: ignore[arg-type]  # as above
-    if low > 0 and high > 1.3 * low:
+    if low > LEAST_RATIO * middle and high > 1.3 * low:
         yield Axis(column=name, kind="log", middle=middle, width=width)
         yield Axis(column=name, kind="inverse", middle=middle, width=width)
     yield Axis(**base, kind="exp")  # type: ignore[arg-type]  # as above

@@ -15,6 +15,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.boosting import Binned, Boosted, bin_columns
 from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.grouping import WITHIN_IMAGES
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm, axes_of
 from arl_fixtures.reconcile.law_basis import UNLIKELY, Basis, is_proxy
 from arl_fixtures.reconcile.law_fit import Chosen, confirm, holds_between, joint, weighed
@@ -43,10 +44,10 @@ MOST_FAILED = 3
 FURTHER_EVIDENCE = 3.0
 """What a further term must earn beyond its price: of hundreds beside a good first one some earn a little."""
 
-LAW_EVIDENCE, LAW_GAIN, LAW_Z = 6.0, 9.0, 3.0
+LAW_EVIDENCE, LAW_GAIN, LAW_Z = 5.0, 9.0, 2.5
 """Where nothing else tells of a mismatch, a law's first term must earn this beyond its price, and the law must gain
 this on unseen blocks, this surely."""
-LAW_LIKELIER, LAW_LEAST_Z = 12.0, 2.0
+LAW_LIKELIER, LAW_LEAST_Z = 8.0, 1.8
 """Marginal likelihood of a whole law, less its price, that tells of a mismatch where several blocks say so."""
 
 
@@ -114,7 +115,8 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
     leading = [n for n in leading if n in looker.features]
     before = data.fit_scatter(data.residual(state))[0]
     law, chosen = law_of(Chosen(), data), Chosen()
-    for tau in _starts(data):
+    within = looker.problem.groups.block_name in WITHIN_IMAGES
+    for tau in _starts(data, within_images=within):
         trial, found = _from_start(looker, data, state, leading, tau)
         if not found.terms:
             continue
@@ -128,12 +130,13 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
     return law, chosen
 
 
-def _starts(data: ChannelData) -> list[dict[str, float]]:
+def _starts(data: ChannelData, *, within_images: bool = False) -> list[dict[str, float]]:
     """Scatters to start from: pixels, angles and images share nothing, steps ever less where they seem to share much.
 
-    The search relies on unseen steps alone; its next pass works with the scatters that the law before leaves.
+    The search relies on unseen steps alone (on what images share, too, where blocks are parts of images); its next
+    pass works with the scatters that the law before leaves.
     """
-    tau = {**data.tau, "pixel": 0.0, "angle": 0.0, "frame": 0.0}
+    tau = {**data.tau, "pixel": 0.0, "angle": 0.0, "frame": data.tau.get("frame", 0.0) if within_images else 0.0}
     level = next((level for level in data.levels if level.name == "step"), None)
     starts = [tau]
     if level is not None:

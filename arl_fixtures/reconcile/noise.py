@@ -20,6 +20,9 @@ from scipy.optimize import minimize_scalar
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 
+GAUGE_FREEDOM = 12.0
+"""Degrees of freedom on which a declared repeatability counts as resting: it is then off by 20 %, one in three."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Level:
@@ -40,6 +43,11 @@ class Level:
     scale: FloatArray
     floor: float = 0.0
     declared: bool = False
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of what the table states about the scatter."""
+        return GAUGE_FREEDOM if self.declared else 0.0
 
     def part(self, rows: IntArray) -> Level:
         """The grouping on some of its rows."""
@@ -118,13 +126,24 @@ def _apply(step: _Step, z: FloatArray) -> FloatArray:
     return z - step.direction * share[step.code]
 
 
-def fit_tau(sums: FloatArray, weight: FloatArray, *, floor: float = 0.0, lost: float = 0.0) -> tuple[float, float]:
-    """Maximum-likelihood scatter of a level.
+def surprise(tau: float, floor: float, freedom: float) -> float:
+    """Log-likelihood that a scatter loses because a study of so many degrees of freedom found the floor instead."""
+    if freedom == 0.0 or tau <= floor or floor <= 0.0:
+        return 0.0
+    ratio = tau / floor
+    return float(freedom * (np.log(ratio) + 0.5 * (1.0 / ratio**2 - 1.0)))
+
+
+def fit_tau(
+    sums: FloatArray, weight: FloatArray, *, floor: float = 0.0, lost: float = 0.0, freedom: float = 0.0
+) -> tuple[float, float]:
+    """Most likely scatter of a level.
 
     Args:
         sums, weight: of `Whitener.group_sums`; sums²/weight has expectation 1 + τ²·weight.
         floor: smallest τ allowed.
         lost: degrees of freedom that fitted parameters took from this level.
+        freedom: those of a study which found τ = floor, 0 for none.
 
     Returns:
         τ, and the gain of log-likelihood over τ = floor.
@@ -137,7 +156,8 @@ def fit_tau(sums: FloatArray, weight: FloatArray, *, floor: float = 0.0, lost: f
 
     def loss(log_tau: float) -> float:
         variance = 1.0 + np.exp(2.0 * log_tau) * weight
-        return float(0.5 * np.sum(np.log(variance) + power / variance))
+        unlikely = surprise(float(np.exp(log_tau)), floor, freedom)
+        return float(0.5 * np.sum(np.log(variance) + power / variance)) + unlikely
 
     at_floor = 1.0 + floor**2 * weight
     base = float(0.5 * np.sum(np.log(at_floor) + power / at_floor))

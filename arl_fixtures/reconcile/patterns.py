@@ -9,23 +9,22 @@ exceeds the scatter of a single frame.
 from __future__ import annotations
 
 from collections.abc import Container, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import Effect, Kind, Parameter, State, Variant
+from arl_fixtures.reconcile.followed import condition_of
 from arl_fixtures.reconcile.noise import Whitener, fit_tau
 from arl_fixtures.reconcile.problem import ChannelData, Problem
-from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.terms import Term, default_values, field_keys, forward
 
 PATTERN_GAIN = 12.0
 SPARSE_Z = 6.0
 SCATTER_GAIN = 9.0
-DRIVEN_P = 0.05
-"""Below this probability, over all conditions looked at, what steps share follows one and is no mere scatter."""
+LEAST_SHARED = 0.5
+"""Row errors that images must share at least: less is what neighbouring pixels' noise has in common."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -225,60 +224,22 @@ def _scatter_of(
     level = data.levels[index]
     inner = {lv.name: data.tau.get(lv.name, 0.0) for lv in data.levels[:index]}
     partial = Whitener(data.root_weight, data.levels[: index + 1], {**inner, level.name: level.floor})
-    tau, gain = data.level_scatter(data.residual(state), level, partial)
+    asked = replace(level, declared=False)  # whether the declaration holds is the question
+    tau, gain = data.level_scatter(data.residual(state), asked, partial)
     declared = any(lv.declared for lv in data.levels)
     size = tau * float(np.median(level.scale))
     if gain < SCATTER_GAIN or (level.floor > 0 and (tau < 1.4 or not level.declared)):
         return None
-    if not declared:
-        frames = np.maximum(problem.view.frames()[data.use], 1.0)
-        if size < float(np.median(data.stated * data.spread * np.sqrt(frames))):
-            return None
+    alone = data.stated * data.spread
+    if not declared and size < float(np.median(alone * np.sqrt(np.maximum(problem.view.frames()[data.use], 1.0)))):
+        return None
+    if not level.declared and size < LEAST_SHARED * float(np.median(alone)):
+        return None
     amplitude = next(p for p in variant.parameters if p.is_amplitude)
     extra = float(np.sqrt(max(tau**2 - level.floor**2, 0.0))) * float(np.median(level.scale))
     term = Term(effect=effect, variant=variant, values={**default_values(variant), amplitude.name: extra})
     return Scatter(
         term=term, channel=data.channel.name, level=group, gain=gain, value=extra,
         half_width=1.96 * extra / np.sqrt(2.0 * max(level.count - 1, 1)),
-        driver=_driver_of(problem, data, group, state),
+        driver=condition_of(problem, data, group, state),
     )  # fmt: skip
-
-
-def _driver_of(problem: Problem, data: ChannelData, group: str, state: State) -> str:
-    """Recorded condition that what groups share follows smoothly: temperature, time, ramp, supply; empty for none."""
-    level = next(lv for lv in data.levels if lv.name == group)
-    residual = data.residual(state)
-    weight = data.root_weight**2 * data.scale
-    bottom = np.bincount(level.code, weight * data.scale, minlength=level.count)
-    shared = np.bincount(level.code, weight * residual, minlength=level.count) / np.maximum(bottom, 1e-300)
-    view = problem.view
-    names = [*view.temperatures()[:2], "time_s", "ramp", "cycle"]
-    names += [n for n in sorted(view.columns.numbers) if unit_of(n) in {"V", "A"} and not n.startswith("sim_")]
-    if group != "step":  # images and angles of one step share its conditions
-        names = ["stage_angle_deg"]
-    names = [n for n in dict.fromkeys(names) if view.varies(n) and n != data.channel.name]
-    unit = np.zeros(level.count, dtype=np.int64)
-    unit[level.code] = data.unit
-    constants = [(unit == k).astype(np.float64) for k in range(data.units)]
-    root = np.sqrt(np.minimum(bottom, np.median(bottom)))
-    base = np.stack(constants, axis=1) * root[:, None]
-    target = shared * root
-    whole = target - base @ np.linalg.lstsq(base, target, rcond=None)[0]
-    best, p_value = "", 1.0
-    for name in names:
-        x = _mean_by(level.code, np.nan_to_num(view.number(name)[data.use]), level.count)
-        if x.std() <= 0:
-            continue
-        x = (x - x.mean()) / x.std()
-        few = level.count - data.units < 6 or len(np.unique(x)) < 4
-        columns = [x] if few else [x, x**2]
-        design = np.stack([*constants, *columns], axis=1) * root[:, None]
-        left = target - design @ np.linalg.lstsq(design, target, rcond=None)[0]
-        rest = level.count - design.shape[1]
-        if rest < 2 or float(left @ left) <= 0.0:
-            continue
-        ratio = (float(whole @ whole) - float(left @ left)) / len(columns) / (float(left @ left) / rest)
-        p = float(stats.f.sf(ratio, len(columns), rest))
-        if p < p_value:
-            best, p_value = name, p
-    return best if p_value * len(names) < DRIVEN_P else ""

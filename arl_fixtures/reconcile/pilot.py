@@ -18,6 +18,8 @@ from arl_fixtures.reconcile.problem import ChannelData, Problem
 
 MOST_ROWS = 12_000
 TAIL_Z = 2.5
+FAR_Z = 20.0
+"""Standard errors beyond which a row is no tail of any noise: it counts the less, the farther it lies."""
 TAIL_SHARE = 0.004
 """More than this share of rows beyond 4 standard errors means heavy tails (a Gaussian has 0.00006)."""
 
@@ -100,11 +102,12 @@ class Looker:
         return np.clip(target, -limit, limit), weight
 
     def _centred(self, data: ChannelData, residual: FloatArray) -> FloatArray:
-        """Without the units' constants; where steps are too few to be held out, also without the steps' means."""
+        """Without the units' constants, and the means of what holding out does not test: steps or images."""
         if data.calibrated:
             residual = residual - data.scale * data.constants_of(data.whitener(residual))[data.unit]
-        if self.problem.groups.block is not self.problem.groups.step:
-            code = self.problem.groups.step[self.problem.view.rows[data.use]]
+        alike = self.problem.groups.unseen_alike
+        if alike is not None:
+            code = alike[self.problem.view.rows[data.use]]
             weight = data.root_weight**2
             top = np.bincount(code, weight * data.scale * residual)
             bottom = np.bincount(code, weight * data.scale**2)
@@ -120,9 +123,10 @@ class Looker:
                 z = z - _group_median(level.code, z, level.count)[level.code]
         spread = 1.4826 * float(np.median(np.abs(z)))
         data.spread = max(spread, 1.0) if data.stated_known else max(spread, 0.05)
-        beyond = np.abs(z) / data.spread
+        beyond = np.where(data.dark, 0.0, np.abs(z) / data.spread) if len(data.dark) else np.abs(z) / data.spread
         if np.mean(beyond > 4.0) > TAIL_SHARE:
-            data.trust = np.minimum(1.0, TAIL_Z / np.maximum(beyond, 1e-9))
+            far = np.minimum(1.0, FAR_Z / np.maximum(beyond, 1e-9))
+            data.trust = far * np.minimum(1.0, TAIL_Z / np.maximum(beyond, 1e-9))
             # rows held back still scatter more than their weight says: a sum over many would pass for shared error
             excess = float(np.mean((data.trust * beyond) ** 2) / np.mean(data.trust))
             data.spread *= np.sqrt(max(excess, 1.0))

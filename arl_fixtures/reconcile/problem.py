@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from arl_fixtures.reconcile.columns import Channel, Columns, FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.grouping import Groups, find_groups
-from arl_fixtures.reconcile.noise import Level, Whitener, fit_tau
+from arl_fixtures.reconcile.noise import Level, Whitener, fit_tau, surprise
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
 
@@ -32,6 +33,7 @@ class ChannelData:
         stated: standard error of the row's mean by the simulation's own noise model (estimated where it has none).
         spread: factor by which rows scatter more than stated.
         trust: weight of each row, 1 or less for outliers.
+        dark: rows that are left out for now: pixels that died cannot tell of anything else; empty for none.
         scale: what a gain error of 1 would change (the simulation itself), or 1 for an offset.
         unit: calibration unit of each row; units: their number.
         levels: groups that share errors.
@@ -58,6 +60,7 @@ class ChannelData:
     expect: FloatArray
     spread: float = 1.0
     trust: FloatArray = field(default_factory=lambda: np.zeros(0))
+    dark: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     tau: dict[str, float] = field(default_factory=dict)
     free_constant: bool = True
     whitener: Whitener = field(init=False)
@@ -81,7 +84,8 @@ class ChannelData:
     @property
     def root_weight(self) -> FloatArray:
         """1 / standard error, with outliers held back."""
-        return np.sqrt(self.trust) / (self.stated * self.spread)
+        weight = np.sqrt(self.trust) / (self.stated * self.spread)
+        return np.where(self.dark, 0.0, weight) if len(self.dark) else weight
 
     def rebuild(self, tau: dict[str, float]) -> None:
         """Make the whitener anew for other scatters, weights or spread."""
@@ -128,7 +132,7 @@ class ChannelData:
         return replace(
             self, use=self.use[rows], measured=self.measured[rows], stated=self.stated[rows], scale=self.scale[rows],
             unit=self.unit[rows], levels=levels, fold=self.fold[rows], block=self.block[rows],
-            expect=self.expect[rows], trust=self.trust[rows],
+            expect=self.expect[rows], trust=self.trust[rows], dark=self.dark[rows] if len(self.dark) else self.dark,
         )  # fmt: skip
 
     def level_scatter(
@@ -157,7 +161,7 @@ class ChannelData:
         elif level.name == "step":
             count += lost
         sums, weight = partial.group_sums(centred, level.name)
-        return fit_tau(sums, weight, floor=level.floor, lost=min(count, level.count / 2.0))
+        return fit_tau(sums, weight, floor=level.floor, lost=min(count, level.count / 2.0), freedom=level.freedom)
 
     def fit_scatter(
         self, residual: FloatArray, *, lost: float = 0.0, without: tuple[str, ...] = ()
@@ -183,7 +187,8 @@ class ChannelData:
     def likelihood(self, residual: FloatArray) -> float:
         """Log-likelihood with the present scatters, up to a constant of the channel."""
         z = self.whiten(residual)
-        return -0.5 * (float(z @ z) + self.whitener.log_det)
+        unlikely = sum(surprise(self.whitener.tau[v.name], v.floor, v.freedom) for v in self.levels)
+        return -0.5 * (float(z @ z) + self.whitener.log_det) - unlikely
 
     def alone(self, level: Level) -> float:
         """Scatter of a level from which its groups' rows tell of it more than of themselves."""

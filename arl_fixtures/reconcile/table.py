@@ -21,8 +21,8 @@ from arl_fixtures.reconcile.parcels import batches_of_parcels, drawn_rows, read_
 ALWAYS_CATEGORY = frozenset({"dut", "surface", "mixed"})
 FEWEST_ROWS = 4
 """Rows that a channel must have, measured and simulated."""
-LARGEST = 1e30
-"""No quantity is larger: what is beyond counts as infinite."""
+LARGEST, SMALLEST = 1e30, 1e-30
+"""No quantity is larger or smaller: what is beyond counts as infinite, what is below as nothing."""
 IDENTITY = frozenset({"time_s", "stage_angle_deg", "pixel_u", "pixel_v", "true_range_m"})
 """Columns of which each tells observations apart."""
 MAX_ROWS_IN_MEMORY = 2_500_000
@@ -206,6 +206,7 @@ def _label(value: object) -> str:
 
 def _number(name: str, column: pa.ChunkedArray, ignored: dict[str, str]) -> FloatArray:
     values = np.array(column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False), dtype=np.float64)
+    values[np.abs(values) < SMALLEST] = 0.0
     wild = np.abs(values) > LARGEST
     if wild.any():
         values[wild] = np.nan

@@ -22,7 +22,6 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 _STEP = ("dut", "cycle", "step")
-_FRAME = (*_STEP, "stage_angle_deg")
 _PIXEL = ("pixel_u", "pixel_v")
 _DENSE_CELLS = 20_000_000
 _REACH_PX = 3.0
@@ -147,8 +146,8 @@ class View:
         return self.columns.group(*names)[self.rows]
 
     def frame(self) -> IntArray:
-        """Code of the image a row belongs to: one stage angle of one step of one DUT."""
-        return self.group(*_FRAME)
+        """Code of the image a row belongs to: one stage angle of one step of one DUT, or one lamp's level there."""
+        return self.group(*self.columns.image_columns)
 
     def step(self) -> IntArray:
         """Code of (`dut`, `cycle`, `step`)."""
@@ -250,7 +249,7 @@ class View:
 
     def frame_mean(self, state: State, channel: str) -> FloatArray:
         """Mean of a channel over the row's image (the whole table's, scaled by what earlier stages did here)."""
-        whole = self.mean_of_group(f"sim_{channel}", *_FRAME)
+        whole = self.mean_of_group(f"sim_{channel}", *self.columns.image_columns)
         if state[channel] is self.sim[channel]:
             return whole
         code = np.unique(self.frame(), return_inverse=True)[1]
@@ -294,7 +293,7 @@ class View:
         inside = (u >= u_low) & (u < u_low + width) & (v >= v_low) & (v < v_low + height)
         target = (self.frame() * height + (v - v_low)) * width + (u - u_low)
         wanted: IntArray = np.where(inside, np.nan_to_num(target, nan=0.0), 0.0).astype(np.int64)
-        cells = (int(table.group(*_FRAME).max()) + 1) * height * width
+        cells = (int(table.group(*table.image_columns).max()) + 1) * height * width
         if cells <= _DENSE_CELLS:
             grid = self._image_grid(cells, u_low, v_low, width, height)
             return np.where(inside, (self._filled(grid, width, height) if near else grid)[wanted], -1)
@@ -322,7 +321,7 @@ class View:
         """Cell (image, row, column) of every row of the whole table; −1 where the pixel is not known."""
         table = self.columns
         u, v = self._whole_axis("pixel_u"), self._whole_axis("pixel_v")
-        cell = (table.group(*_FRAME) * height + (v - v_low)) * width + (u - u_low)
+        cell = (table.group(*table.image_columns) * height + (v - v_low)) * width + (u - u_low)
         return np.nan_to_num(cell, nan=-1.0).astype(np.int64)
 
     def _image_grid(self, cells: int, u_low: int, v_low: int, width: int, height: int) -> IntArray:

@@ -4,6 +4,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from arl_fixtures.reconcile.constants import fitted_share
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
@@ -47,3 +48,16 @@ def test_whitening_with_constants_is_generalised_least_squares():
 @pytest.mark.parametrize("seed", range(6))
 def test_what_all_zones_share_in_a_step_is_no_finding(seed):
     assert diagnose(columns_of(zone_table(seed + 10, offset_m=0.0)))[0].findings == []
+
+
+@pytest.mark.parametrize(("fitted_here", "seed"), [(True, 3), (True, 4), (False, 3), (False, 4)])
+def test_a_simulation_calibrated_on_these_rows_agrees_better_than_steps_let_it(fitted_here, seed):
+    """Steps share errors ten times those of their mean: only a calibration on these rows can be closer."""
+    table = zone_table(seed, offset_m=0.0, steps=12, zones=1, rows=200).to_pydict()
+    own = np.mean(np.array(table["distance_m"]) - np.array(table["sim_distance_m"]))
+    off = own if fitted_here else own + 2.0 * SHARED_M
+    problem = Problem(columns_of(pa.table({**table, "sim_distance_m": np.array(table["sim_distance_m"]) + off})))
+    (channel,) = problem.data
+    residual = channel.residual(problem.view.fresh_state())
+    error = np.array([SHARED_M / np.sqrt(12.0)])
+    assert (fitted_share(channel, residual, error) > 0.7) == fitted_here

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
 
-from arl_fixtures.reconcile.noise import Level, Whitener, fit_tau
+from arl_fixtures.reconcile.noise import GAUGE_FREEDOM, Level, Whitener, fit_tau, surprise
 
 
 def levels(rng: np.random.Generator, steps: int, frames: int, rows: int) -> tuple[np.ndarray, tuple[Level, ...]]:
@@ -47,3 +48,24 @@ def test_group_scatter_is_estimated_without_bias_and_is_zero_without_groups():
 def test_a_declared_scatter_is_the_least_that_is_assumed():
     rng = np.random.default_rng(4)
     assert fit_tau(rng.normal(size=50), np.ones(50), floor=1.0) == (1.0, 0.0)
+
+
+@settings(max_examples=30, deadline=None)
+@given(ratio=st.floats(1.0, 5.0), freedom=st.integers(2, 40))
+def test_what_a_gauge_study_says_against_a_larger_scatter_is_its_chi_square(ratio, freedom):
+    def found_one(scatter):  # density of a sample variance of 1 where the true one is scatter²
+        return stats.chi2.logpdf(freedom / scatter**2, freedom) + np.log(freedom / scatter**2)
+
+    assert surprise(ratio, 1.0, float(freedom)) == pytest.approx(found_one(1.0) - found_one(ratio), abs=1e-9)
+
+
+def test_a_stated_repeatability_gives_way_to_many_steps_and_hardly_to_few():
+    rng = np.random.default_rng(9)
+    weight = np.full(200, 4.0)
+    twice = 2.0 * weight * rng.normal(size=200) + np.sqrt(weight) * rng.normal(size=200)
+    plain, _ = fit_tau(twice, weight, floor=1.0)
+    many, _ = fit_tau(twice, weight, floor=1.0, freedom=GAUGE_FREEDOM)
+    few, _ = fit_tau(twice[:6], weight[:6], floor=1.0, freedom=GAUGE_FREEDOM)
+    assert plain == pytest.approx(2.0, rel=0.15)
+    assert many == pytest.approx(plain, rel=0.1)
+    assert few < min(fit_tau(twice[:6], weight[:6], floor=1.0)[0], 0.8 * plain)

@@ -97,10 +97,10 @@ def test_outliers_of_a_large_table_do_not_pass_for_errors_of_whole_images(column
 def test_a_pattern_is_found_at_whichever_period_it_has(columns_of):
     def comb(columns, _rng):
         columns["intensity_counts"] = columns["intensity_counts"] * (
-            1.0 + 0.004 * np.sign(np.sin(2.0 * np.pi * (columns["pixel_u"] + 0.5) / 4.0))
+            1.0 + 0.004 * np.sign(np.sin(2.0 * np.pi * (columns["pixel_u"] + 0.5) / 6.0))
         )
 
     found = Search(columns_of(56, comb, steps=20), list(library().values())).run()
     (term,) = found.best.terms
     assert term.effect.id == "readout.column_pattern"
-    assert term.values["period"] == pytest.approx(4.0, rel=0.01)
+    assert term.values["period"] == pytest.approx(6.0, rel=0.01)

@@ -202,3 +202,16 @@ def test_a_prediction_that_cannot_be_made_is_refused(tmp_path, model, change, wo
         predict_command, [str(tmp_path / "d"), str(tmp_path / "t.parquet"), "--out", str(tmp_path / "p.parquet")]
     )
     assert words in refused(result, tmp_path, *there)
+
+
+def test_signals_that_underflow_count_as_none(tmp_path):
+    """A beam's simulated wing may be 1e-310 counts: neither ratios to it nor its square may overflow."""
+    columns = table()
+    wing = columns["pixel_u"] >= 25
+    columns["sim_intensity_counts"] = np.where(wing, 3e-311, columns["sim_intensity_counts"])
+    columns["intensity_counts"] = np.where(wing, 0.0, 1.02 * columns["intensity_counts"])
+    path = tmp_path / "wing.parquet"
+    pq.write_table(pa.table(columns), path)
+    result = run(path, tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "out" / "diagnosis.json").exists()

@@ -18,6 +18,7 @@ class DeadPixels(Effect):
     id = "detector.dead_pixels"
     stage = Stage.READOUT
     source = "EMVA 1288 (2021), sec. 8.8 (defect pixels); solder and bump failures cluster along rows"
+    sparse = True
     confusable = ("detector.pixel_response", "optics.window_contamination")
 
     def variants(self, view: View) -> Iterable[Variant]:

@@ -17,6 +17,7 @@ class PulseEnergyJitter(Effect):
     id = "laser.pulse_energy_jitter"
     stage = Stage.LASER
     source = "ISO 11554 (laser pulse energy and its stability); diode-pumped Q-switched lasers: 0.5 to 3 %"
+    common = True
     confusable = ("readout.noise_excess", "bench.repeatability")
 
     def variants(self, view: View) -> Iterable[Variant]:

@@ -6,22 +6,28 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Parameter, Stage, Values, Variant
+from arl_fixtures.reconcile.effect import Option, Parameter, Stage, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     LightFactor,
     amplitude,
     light_channels,
     per_view,
+    rounded,
     shape,
     signals,
+    span,
 )
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, has_rays
 from arl_fixtures.reconcile.view import View
 
 
 class Vignetting(LightFactor):
-    """I *= cos(θ)^exponent (natural), or the overlap of two round apertures that part with tan θ (mechanical)."""
+    """I *= cos(θ)^exponent (natural), or the overlap of two round apertures that part with tan θ (mechanical).
+
+    Where a table does not say where its pixels look, tan θ grows with the distance from the image's middle and is
+    `reach` in its corner.
+    """
 
     id = "optics.vignetting"
     stage = Stage.OPTICS
@@ -29,8 +35,12 @@ class Vignetting(LightFactor):
     confusable = ("beam.profile_change", "optics.filter_shift", "target.non_lambertian")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """Natural and mechanical, one pair per intensity channel."""
+        """Natural and mechanical, one pair per intensity channel; natural by pixels where no rays are known."""
         if not has_rays(view):
+            if all(view.varies(name) and span(view, name) >= _FEWEST_PX for name in _PIXEL):
+                for channel in signals(view):
+                    parameters = amplitude("exponent", "1", -4.0, 16.0, 1.0), shape("reach", "1", 0.05, 2.0, 0.4)
+                    yield self._variant(view, channel, "by pixels", parameters)
             return
         for channel in signals(view):
             yield self._variant(view, channel, "natural", (amplitude("exponent", "1", -4.0, 16.0, 1.0),))
@@ -42,16 +52,25 @@ class Vignetting(LightFactor):
             )
 
     def _variant(self, view: View, channel: str, kind: str, parameters: tuple[Parameter, ...]) -> Variant:
+        options: dict[str, Option] = {"channel": channel, "kind": kind}
+        if kind == "by pixels":
+            for name in _PIXEL:
+                low, high = view.span(name)
+                options |= {f"middle_{name[-1]}": rounded(0.5 * (low + high)), f"half_{name[-1]}": 0.5 * (high - low)}
+        names = _PIXEL if kind == "by pixels" else ("azimuth_deg", "elevation_deg")
         return Variant(
             effect=self.id,
-            options={"channel": channel, "kind": kind},
+            options=options,
             parameters=parameters,
             channels=light_channels(view, channel),
-            drivers=tuple(name for name in ("azimuth_deg", "elevation_deg") if view.varies(name)),
+            drivers=tuple(name for name in names if view.varies(name)),
         )
 
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Relative illumination of the two ways together."""
+        if variant.options["kind"] == "by pixels":
+            tangent = float(values["reach"]) * per_view(view, "image radius", lambda: _radius(variant, view))
+            return np.asarray((1.0 + tangent**2) ** (-0.5 * float(values["exponent"])))
         cosine = per_view(
             view,
             "field cosine",
@@ -65,6 +84,8 @@ class Vignetting(LightFactor):
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel = variant.options["channel"]
+        if variant.options["kind"] == "by pixels":
+            return f"{channel} *= cos(theta)^exponent, tan(theta) = reach * distance from the middle / the corner's"
         if variant.options["kind"] == "natural":
             return f"{channel} *= (cos(azimuth_deg) * cos(elevation_deg))^exponent"
         return (
@@ -85,6 +106,14 @@ class Vignetting(LightFactor):
         )
 
 
+def _radius(variant: Variant, view: View) -> FloatArray:
+    """Distance of each row's pixel from the middle of the image, the corner's distance being 1."""
+    of = variant.options
+    u = view.number("pixel_u") - float(of["middle_u"])
+    v = view.number("pixel_v") - float(of["middle_v"])
+    return np.asarray(np.nan_to_num(np.hypot(u, v) / np.hypot(float(of["half_u"]), float(of["half_v"]))))
+
+
 def overlap(distance: FloatArray, radius: float) -> FloatArray:
     """Share of a unit disc that lies within a disc of `radius` ≥ 1 whose centre is `distance` away."""
     d = np.clip(distance, radius - 1.0 + 1e-9, radius + 1.0 - 1e-9)
@@ -95,3 +124,7 @@ def overlap(distance: FloatArray, radius: float) -> FloatArray:
     )
     area = one + radius**2 * two - kite
     return np.where(distance <= radius - 1.0, 1.0, np.where(distance >= radius + 1.0, 0.0, area / np.pi))
+
+
+_PIXEL = ("pixel_u", "pixel_v")
+_FEWEST_PX = 7.0

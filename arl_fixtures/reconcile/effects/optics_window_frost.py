@@ -23,7 +23,7 @@ from arl_fixtures.reconcile.view import View
 
 
 class WindowFrost(LightFactor):
-    """I *= exp(−depth · F · (1 + gradient·h)), F the film, h from −1 at the lower to +1 at the upper image edge.
+    """I *= exp(−(depth + lean·h) · F), F the film, h from −1 at the lower to +1 at the upper image edge.
 
     * balance: dF/dt = e(onset) − e(T), e the vapour pressure: grows in proportion to the supersaturation below the
       dew or frost point `onset`, goes in proportion to the deficit above, `melt` times as fast; F ≥ 0.
@@ -49,7 +49,6 @@ class WindowFrost(LightFactor):
                     continue
                 record = history(view, column)
                 onset = shape("onset", "°C", max(low, _COLDEST_C), min(high, _WARMEST_C) + 0.1, 2.0, 10.0)
-                gradient = shape("gradient", "1", -1.0, 1.0, 0.0)
                 deep = max(onset.starts[0] - low, 0.02 * (high - low))
                 options: dict[str, Option] = {"channel": channel, "temperature": column, **_heights(view)}
                 memory: tuple[Parameter, ...] = ()
@@ -60,10 +59,9 @@ class WindowFrost(LightFactor):
                         view,
                         {**options, "kind": "balance"},
                         (
-                            amplitude("depth", unit, 0.0, 30.0 / most, 0.1 / most),
+                            *_depths(unit, most),
                             onset,
                             shape("melt", "1", 0.02, 50.0, 1.0),
-                            gradient,
                         ),
                     )
                     longest = record.interval * record.values.shape[1]
@@ -72,7 +70,7 @@ class WindowFrost(LightFactor):
                 yield self._variant(
                     view,
                     {**options, "kind": "settled"},
-                    (amplitude("depth", "1/K", 0.0, 30.0 / deep, 0.1 / deep), onset, *memory, gradient),
+                    (*_depths("1/K", deep), onset, *memory),
                 )
 
     def _variant(self, view: View, options: dict[str, Option], parameters: tuple[Parameter, ...]) -> Variant:
@@ -100,12 +98,13 @@ class WindowFrost(LightFactor):
         else:
             cold = np.maximum(onset - record.values, 0.0)
             film = on_rows(view, low_pass(cold, record.interval / float(values["lag"])))
-        depth = float(values["depth"]) * film
-        lean = float(values["gradient"])
-        if lean != 0.0:
+        depth = float(values["depth"])
+        if values["lean"] != 0.0:
             height = per_view(view, ("height", variant.options["upper"]), lambda: _height(variant, view))
-            depth = depth * np.maximum(1.0 + lean * height, 0.0)
-        return np.exp(-np.minimum(depth, 20.0))
+            film = film * (depth + float(values["lean"]) * height)
+        else:
+            film = film * depth
+        return np.exp(-np.clip(film, -1.0, 20.0))
 
     def where(self, variant: Variant, values: Values, view: View) -> dict[str, list[str] | list[float]]:
         """Temperatures below the onset."""
@@ -119,7 +118,7 @@ class WindowFrost(LightFactor):
             film = f"dF/dt = e(onset) - e({column}), times melt where negative, F >= 0, e the vapour pressure"
         else:
             film = f"F = max(onset - {column}, 0), delayed by lag"
-        return f"{channel} *= exp(-depth * F * (1 + gradient * height)); {film}"
+        return f"{channel} *= exp(-(depth + lean * height) * F); {film}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Loss and onset."""
@@ -129,8 +128,8 @@ class WindowFrost(LightFactor):
             f"Ice or condensate on the window takes up to {-low:.1f} % of the light below {values['onset']:.1f} °C "
             f"of {column}"
         )
-        lean = float(values["gradient"])
-        if abs(lean) > 0.2:
+        lean = float(values["lean"])
+        if abs(lean) > 0.2 * float(values["depth"]):
             text += ", more at the top" if lean > 0.0 else ", more at the bottom"
         if variant.options["kind"] == "balance":
             text += "; it melts later than it forms, so heating differs from cooling"
@@ -144,6 +143,14 @@ class WindowFrost(LightFactor):
 
 
 _COLDEST_C, _WARMEST_C = -20.0, 25.0
+
+
+def _depths(unit: str, film: float) -> tuple[Parameter, Parameter]:
+    """How much a film takes in the middle of the image, and how much more at its upper edge."""
+    return (
+        amplitude("depth", unit, 0.0, 30.0 / film, 0.1 / film),
+        amplitude("lean", unit, -15.0 / film, 15.0 / film, 0.02 / film),
+    )
 
 
 def _vapour_hpa(temperature_c: FloatArray | float) -> FloatArray:

@@ -54,6 +54,22 @@ def test_natural_vignetting_is_the_cosine_fourth_of_radiometry():
     assert values["exponent"] == pytest.approx(4.0, abs=0.02)
 
 
+def test_vignetting_needs_no_rays_where_an_image_is_known():
+    u, v = (a.ravel().astype(float) for a in np.meshgrid(np.arange(32), np.arange(24)))
+    # a sensor 30 pixels behind a small aperture: light falls with the cosine twice and the distance squared
+    far = np.stack([u - 15.5, v - 11.5, np.full(u.size, 30.0)])
+    size = np.linalg.norm(far, axis=0)
+    light = (far[2] / size) ** 2 * (30.0 / size) ** 2
+    columns = plain_table(
+        u.size, pixel_u=u, pixel_v=v, step=0.0, sim_signal_counts=1000.0, signal_counts=1000.0 * light
+    )
+    view = View(columns)
+    variant = variant_of(view, "optics.vignetting", kind="by pixels")
+    values = fitted(view, variant, "signal_counts", {"exponent": 1.0, "reach": 0.4})
+    assert values["exponent"] == pytest.approx(4.0, abs=0.02)
+    assert values["reach"] == pytest.approx(np.hypot(15.5, 11.5) / 30.0, abs=0.005)
+
+
 def test_mechanical_vignetting_is_the_share_of_rays_that_pass_two_apertures():
     rng = np.random.default_rng(2)
     angle = np.linspace(0.0, 45.0, 46)

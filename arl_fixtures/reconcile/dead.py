@@ -1,0 +1,44 @@
+"""Pixels that died are left out while names are sought: their rows are off by everything and tell of nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from arl_fixtures.reconcile.effect import Effect
+from arl_fixtures.reconcile.patterns import find_patterns
+from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.terms import forward
+
+LOST = 0.3
+"""Share of its value from which what a pattern changes in a row leaves nothing to compare."""
+MOST_LOST = 0.2
+"""Share of a channel's rows above which these are no few dead pixels."""
+
+
+def leave_out_dead(problem: Problem, effects: Sequence[Effect]) -> bool:
+    """Leave out the rows of which a pattern of few pixels takes most; False where there are none."""
+    sparse = [e for e in effects if e.sparse]
+    found = find_patterns(problem, sparse, ()) if sparse else []
+    if not found:
+        return False
+    base = problem.view.fresh_state()
+    dead = forward([found[0].term], problem.view)
+    for d in problem.data:
+        name = d.channel.name
+        if dead[name] is base[name]:
+            continue
+        lost = (np.abs(dead[name] - base[name]) > LOST * np.abs(base[name]))[d.use]
+        if 0.0 < float(np.mean(lost)) < MOST_LOST:
+            d.dark = lost
+            d.rebuild(d.tau)
+    return any(len(d.dark) for d in problem.data)
+
+
+def bring_back(problem: Problem) -> None:
+    """All rows count again."""
+    for d in problem.data:
+        if len(d.dark):
+            d.dark = np.zeros(0, dtype=bool)
+            d.rebuild(d.tau)

@@ -1,0 +1,43 @@
+"""What steps share is told from what they owe to a recorded condition, whatever the law."""
+
+import numpy as np
+import pytest
+
+from arl_fixtures.reconcile.followed import condition_of
+from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.table import load_table
+
+STEPS = 24
+
+
+def followed(tmp_path, make_table, save, seed, shift_of):
+    """Condition that a distance's steps follow when each is off by `shift_of(temperature, time, rng)`, in metres."""
+
+    def change(columns, rng):
+        first = np.unique(columns["step"] + 100.0 * (columns["dut"] == "S1"), return_index=True)
+        warm, time = columns["housing_temperature_c"][first[1]], columns["time_s"][first[1]]
+        shift = dict(zip(first[0], shift_of(warm, time, rng), strict=True))
+        key = columns["step"] + 100.0 * (columns["dut"] == "S1")
+        columns["distance_m"] = columns["distance_m"] + np.array([shift[k] for k in key])
+
+    table = save(tmp_path / f"{seed}.parquet", make_table(seed, change, steps=STEPS))
+    problem = Problem(load_table(table))
+    data = next(d for d in problem.data if d.channel.name == "distance_m")
+    return condition_of(problem, data, "step", problem.view.fresh_state())
+
+
+@pytest.mark.parametrize("seed", range(60, 64))
+def test_scatter_follows_nothing(tmp_path, make_table, save, seed):
+    assert followed(tmp_path, make_table, save, seed, lambda warm, _t, rng: 2e-3 * rng.normal(size=warm.size)) == ""
+
+
+def test_a_wave_in_temperature_is_followed_although_no_parabola_shows_it(tmp_path, make_table, save):
+    name = followed(tmp_path, make_table, save, 70, lambda warm, _t, _rng: 3e-3 * np.sin(warm / 6.0))
+    assert name.endswith("temperature_c")
+
+
+def test_a_random_walk_is_a_drift_in_time(tmp_path, make_table, save):
+    def walk(_warm, time, rng):
+        return 1e-3 * np.cumsum(rng.normal(size=time.size))[np.argsort(np.argsort(time, kind="stable"))]
+
+    assert followed(tmp_path, make_table, save, 71, walk) == "time_s"
