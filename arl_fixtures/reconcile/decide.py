@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.acceptance import MISFIT_SHARE, PRICE
 from arl_fixtures.reconcile.dead import bring_back
@@ -251,7 +252,11 @@ class Decision:
             if acted and d.channel.role is Role.SCATTER and not is_structure(self.found.before[name]):
                 continue  # what is left came with a name's side effect on the scatter
             if not acted or self.left_share(name) > UNKNOWN_SHARE:
-                law = self._law_of(d, state, self.after[name])
+                try:
+                    law = self._law_of(d, state, self.after[name])
+                except np.linalg.LinAlgError as error:  # costs this law, not the answer
+                    self.search.failed[f"law of {name}"] = f"was not found: {error}"
+                    continue
                 if law is not None and (law.terms or not acted):  # trees beside a name only mend its shape
                     self.laws.append(law)
 
@@ -344,23 +349,34 @@ class Decision:
         final = self.final_state()
         if not self.best.keys:
             return final
-        vector = self.best.values()
-        scale = np.sqrt(np.maximum(np.diag(self.best.jacobian.T @ self.best.jacobian), 1e-300))
-        jacobian = self.best.jacobian / scale
+        base = forward(self.terms, view)
         fold = np.concatenate([d.fold for d in self.problem.data])
-        low, high = (np.array([getattr(p, end) for _, p in self.best.keys]) for end in ("low", "high"))
         result = {name: values.copy() for name, values in final.items()}
         for k in range(FOLDS):
-            train = fold != k
-            gram = jacobian[train].T @ jacobian[train] + 1e-9 * np.eye(len(vector))
-            shift = np.linalg.lstsq(gram, jacobian[train].T @ self.best.residual[train], rcond=1e-10)[0] / scale
-            terms = with_vector(self.best.terms, self.best.keys, np.clip(vector + shift, low, high))
-            state = forward((*terms, *(p.term for p in self.patterns)), view)
+            state = self._without(fold == k, base)
             rows = self.problem.fold == k
-            base = forward(self.terms, view)
             for name in result:
                 result[name][rows] = (state[name] + (final[name] - base[name]))[rows]
         return result
+
+    def _without(self, unseen: NDArray[np.bool_], base: State) -> State:
+        """Corrected simulation with the effects as the other rows have them.
+
+        The step is halved until it serves these rows: along what they hardly tell, a Newton step leads anywhere.
+        """
+        vector, train = self.best.values(), ~unseen
+        scale = np.sqrt(np.maximum(np.diag(self.best.jacobian.T @ self.best.jacobian), 1e-300))
+        jacobian = self.best.jacobian[train] / scale
+        low, high = (np.array([getattr(p, end) for _, p in self.best.keys]) for end in ("low", "high"))
+        gram = jacobian.T @ jacobian + 1e-6 * np.eye(len(vector))
+        shift = np.linalg.lstsq(gram, jacobian.T @ self.best.residual[train], rcond=1e-10)[0] / scale
+        left = float(np.sum(self.problem.whiten_state(base)[train] ** 2))
+        for share in (1.0, 0.5, 0.25, 0.1):
+            terms = with_vector(self.best.terms, self.best.keys, np.clip(vector + share * shift, low, high))
+            state = forward((*terms, *(p.term for p in self.patterns)), self.problem.view)
+            if float(np.sum(self.problem.whiten_state(state)[train] ** 2)) <= left:
+                return state
+        return base
 
     def _fits(self) -> dict[str, ChannelFit]:
         view = self.problem.view

@@ -18,7 +18,7 @@ from arl_fixtures.reconcile.law import Law, LawTerm
 from arl_fixtures.reconcile.patterns import Pattern, Scatter
 from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.region import columns_as_drivers, energy_region
-from arl_fixtures.reconcile.roles import unit_of
+from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.screen import screen
 from arl_fixtures.reconcile.search import shortlist
 from arl_fixtures.reconcile.terms import Term, forward
@@ -267,10 +267,14 @@ def scatter_finding(decision: Decision, scatter: Scatter) -> Finding:
 
 
 def mean_square(d: ChannelData, state: State, *, centred: bool = False) -> float:
-    """Mean squared residual in standard errors; outliers weigh as in the fit."""
+    """Mean squared residual in standard errors; outliers weigh as in the fit. Centred: beside a gain or offset."""
     residual = d.residual(state)
     if centred and d.calibrated:
-        residual = residual - d.scale * d.constants_of(d.whitener(residual))[d.unit]
+        # a gain belongs to what is corrected, not to the simulation before it
+        along = state[d.channel.name][d.use] if d.channel.role is Role.INTENSITY else np.ones(len(residual))
+        weight = d.root_weight**2 * along
+        power = np.maximum(np.bincount(d.unit, weight * along, minlength=d.units), 1e-300)
+        residual = residual - along * (np.bincount(d.unit, weight * residual, minlength=d.units) / power)[d.unit]
     return float(np.sum(d.trust * (residual / d.stated) ** 2) / np.sum(d.trust))
 
 

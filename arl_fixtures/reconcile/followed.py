@@ -14,11 +14,19 @@ from scipy import stats
 
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.noise import Level
 from arl_fixtures.reconcile.problem import ChannelData, Problem
 from arl_fixtures.reconcile.roles import unit_of
+from arl_fixtures.reconcile.view import View
 
 DRIVEN_P, ALIKE_P = 0.05, 0.02
 """Below these probabilities, over all conditions, a parabola or likeness of neighbours is no chance."""
+NO_CONDITIONS = frozenset({"n_frames", "step", "stage_angle_deg", "pixel_u", "pixel_v"})
+"""Columns that only number steps, or that belong to rows."""
+STEADY = 0.02
+"""Share of a column's variance that rows of one step may hold for it to be a condition of the step."""
+STRICT = 0.04
+"""Share of these probabilities that is allowed where a condition alone tells of a mismatch."""
 FEWEST_GROUPS = 8
 PERMUTATIONS = 2000
 HELD_BACK = 3.0
@@ -38,15 +46,17 @@ class _Shared:
     conditions: dict[str, FloatArray]
 
 
-def condition_of(problem: Problem, data: ChannelData, group: str, state: State) -> str:
+def condition_of(problem: Problem, data: ChannelData, group: str, state: State, *, strict: bool = False) -> str:
     """Temperature, time, ramp or supply that what groups of rows share follows; empty for none.
 
     Args:
         problem: the table; data: the channel; state: corrected simulation.
         group: `step`, `frame` or `angle`.
+        strict: where nothing else tells of a mismatch.
     """
     shared = _shared_of(problem, data, group, state)
-    return _parabola(shared, data.units) or _neighbours(shared)
+    part = STRICT if strict else 1.0
+    return _parabola(shared, data.units, part * DRIVEN_P) or _neighbours(shared, part * ALIKE_P)
 
 
 def _shared_of(problem: Problem, data: ChannelData, group: str, state: State) -> _Shared:
@@ -54,18 +64,7 @@ def _shared_of(problem: Problem, data: ChannelData, group: str, state: State) ->
     weight = data.root_weight**2 * data.scale
     bottom = np.bincount(level.code, weight * data.scale, minlength=level.count)
     mean = np.bincount(level.code, weight * data.residual(state), minlength=level.count) / np.maximum(bottom, 1e-300)
-    view = problem.view
-    names = [*view.temperatures()[:2], "time_s", "ramp", "cycle"]
-    names += [n for n in sorted(view.columns.numbers) if unit_of(n) in {"V", "A"} and not n.startswith("sim_")]
-    if group != "step":  # images and angles of one step share its conditions
-        names = ["stage_angle_deg"]
-    size = np.maximum(np.bincount(level.code, minlength=level.count), 1)
-    conditions = {}
-    for name in dict.fromkeys(names):
-        if view.varies(name) and name != data.channel.name:
-            x = np.bincount(level.code, np.nan_to_num(view.number(name)[data.use]), minlength=level.count) / size
-            if x.std() > 0:
-                conditions[name] = (x - x.mean()) / x.std()
+    conditions = _conditions(problem.view, data, level)
     unit = np.zeros(level.count, dtype=np.int64)
     unit[level.code] = data.unit
     constants = [(unit == k).astype(np.float64) for k in range(data.units)]
@@ -76,7 +75,27 @@ def _shared_of(problem: Problem, data: ChannelData, group: str, state: State) ->
     return _Shared(target, left, root, constants, conditions)
 
 
-def _parabola(shared: _Shared, units: int) -> str:
+def _conditions(view: View, data: ChannelData, level: Level) -> dict[str, FloatArray]:
+    """Standardised conditions at each group: what the bench records, and whatever else is steady within a step."""
+    recorded = [*view.temperatures()[:2], "time_s", "ramp", "cycle"]
+    recorded += [n for n in view.covariates() if unit_of(n) in {"V", "A"}]
+    others = [n for n in view.covariates() if n not in NO_CONDITIONS and unit_of(n) != "°C"]
+    # images and angles of one step share its conditions
+    names = [*recorded, *others] if level.name == "step" else ["stage_angle_deg"]
+    size = np.maximum(np.bincount(level.code, minlength=level.count), 1)
+    found = {}
+    for name in dict.fromkeys(names):
+        if not view.varies(name) or name == data.channel.name:
+            continue
+        rows = np.nan_to_num(view.number(name)[data.use])
+        x = np.bincount(level.code, rows, minlength=level.count) / size
+        steady = name in recorded or float(np.mean((rows - x[level.code]) ** 2)) < STEADY * float(np.var(rows))
+        if (steady or level.name != "step") and x.std() > 0:
+            found[name] = (x - x.mean()) / x.std()
+    return found
+
+
+def _parabola(shared: _Shared, units: int, least: float) -> str:
     best, p_value = "", 1.0
     count = len(shared.mean)
     for name, x in shared.conditions.items():
@@ -91,10 +110,10 @@ def _parabola(shared: _Shared, units: int) -> str:
         p = float(stats.f.sf(ratio, len(columns), rest))
         if p < p_value:
             best, p_value = name, p
-    return best if p_value * len(shared.conditions) < DRIVEN_P else ""
+    return best if p_value * len(shared.conditions) < least else ""
 
 
-def _neighbours(shared: _Shared) -> str:
+def _neighbours(shared: _Shared, least: float) -> str:
     orders = {n: np.argsort(x, kind="stable") for n, x in shared.conditions.items() if len(np.unique(x)) > 4}
     if len(shared.left) < FEWEST_GROUPS or not orders:
         return ""
@@ -106,7 +125,7 @@ def _neighbours(shared: _Shared) -> str:
     scores = (scores - scores.mean(axis=1, keepdims=True)) / np.maximum(scores.std(axis=1, keepdims=True), 1e-300)
     largest = scores.max(axis=0)
     p_value = float(np.mean(largest[1:] >= largest[0]))
-    return list(orders)[int(np.argmax(scores[:, 0]))] if p_value < ALIKE_P else ""
+    return list(orders)[int(np.argmax(scores[:, 0]))] if p_value < least else ""
 
 
 def _likeness(x: FloatArray) -> FloatArray:

@@ -47,7 +47,7 @@ FURTHER_EVIDENCE = 3.0
 LAW_EVIDENCE, LAW_GAIN, LAW_Z = 5.0, 9.0, 2.5
 """Where nothing else tells of a mismatch, a law's first term must earn this beyond its price, and the law must gain
 this on unseen blocks, this surely."""
-LAW_LIKELIER, LAW_LEAST_Z = 8.0, 1.8
+LAW_LIKELIER, LAW_LEAST_Z = 7.0, 1.8
 """Marginal likelihood of a whole law, less its price, that tells of a mismatch where several blocks say so."""
 
 
@@ -55,7 +55,7 @@ def is_law(chosen: Chosen) -> bool:
     """Whether a law by itself is evidence of a mismatch."""
     if not chosen.terms or chosen.held < LAW_GAIN:
         return False
-    sure = chosen.terms[0].gain > LAW_EVIDENCE and chosen.z > LAW_Z
+    sure = chosen.terms[0].gain > LAW_EVIDENCE and chosen.z > LAW_Z and chosen.likelier > LAW_EVIDENCE
     return sure or (chosen.likelier > LAW_LIKELIER and chosen.z > LAW_LEAST_Z)
 
 

@@ -231,7 +231,9 @@ def _scatter_of(
     if gain < SCATTER_GAIN or (level.floor > 0 and (tau < 1.4 or not level.declared)):
         return None
     alone = data.stated * data.spread
-    if not declared and size < float(np.median(alone * np.sqrt(np.maximum(problem.view.frames()[data.use], 1.0)))):
+    small = size < float(np.median(alone * np.sqrt(np.maximum(problem.view.frames()[data.use], 1.0))))
+    driver = condition_of(problem, data, group, state, strict=small and not declared)
+    if not declared and small and not driver:
         return None
     if not level.declared and size < LEAST_SHARED * float(np.median(alone)):
         return None
@@ -241,5 +243,5 @@ def _scatter_of(
     return Scatter(
         term=term, channel=data.channel.name, level=group, gain=gain, value=extra,
         half_width=1.96 * extra / np.sqrt(2.0 * max(level.count - 1, 1)),
-        driver=condition_of(problem, data, group, state),
+        driver=driver,
     )  # fmt: skip

@@ -5,6 +5,7 @@ import pyarrow as pa
 import pytest
 
 from arl_fixtures.reconcile.constants import fitted_share
+from arl_fixtures.reconcile.findings import mean_square
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
@@ -61,3 +62,18 @@ def test_a_simulation_calibrated_on_these_rows_agrees_better_than_steps_let_it(f
     residual = channel.residual(problem.view.fresh_state())
     error = np.array([SHARED_M / np.sqrt(12.0)])
     assert (fitted_share(channel, residual, error) > 0.7) == fitted_here
+
+
+def test_a_gain_of_what_is_corrected_is_no_misfit():
+    """After a strong effect the user's gain belongs to the corrected value, not to the simulation's."""
+    rng = np.random.default_rng(8)
+    light = np.tile(np.linspace(200.0, 4000.0, 40), 25)
+    sigma = 0.002 * light
+    truth = light / (1.0 + light / 16_000.0)
+    table = columns_of(pa.table({
+        "step": np.repeat(np.arange(25.0), 40), "sim_intensity_counts": light, "sim_intensity_counts_std": sigma,
+        "intensity_counts": 1.06 * truth + sigma * rng.normal(size=light.size),
+    }))  # fmt: skip
+    (channel,) = Problem(table).data
+    assert mean_square(channel, {"intensity_counts": truth}, centred=True) == pytest.approx(1.0, abs=0.15)
+    assert mean_square(channel, {"intensity_counts": light}, centred=True) > 100.0

@@ -41,3 +41,15 @@ def test_a_random_walk_is_a_drift_in_time(tmp_path, make_table, save):
         return 1e-3 * np.cumsum(rng.normal(size=time.size))[np.argsort(np.argsort(time, kind="stable"))]
 
     assert followed(tmp_path, make_table, save, 71, walk) == "time_s"
+
+
+def test_a_condition_that_no_library_knows_is_followed(tmp_path, make_table, save):
+    """A shaker's level, logged once a step: any steady column counts, not only those of the bench."""
+    made = make_table(72, None, steps=STEPS)
+    rng = np.random.default_rng(7)
+    level = rng.gamma(2.0, 0.6, STEPS)[made["step"].astype(int)]
+    made["vibration_ms2"] = level
+    made["distance_m"] = made["distance_m"] + 2e-3 * level
+    problem = Problem(load_table(save(tmp_path / "shaken.parquet", made)))
+    data = next(d for d in problem.data if d.channel.name == "distance_m")
+    assert condition_of(problem, data, "step", problem.view.fresh_state()) == "vibration_ms2"

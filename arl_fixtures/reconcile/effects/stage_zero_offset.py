@@ -77,9 +77,13 @@ def travel(view: View) -> FloatArray:
     """Direction in which each row of the whole table came to its stage angle: ±1, 0 for the first of a sweep."""
 
     def make() -> FloatArray:
-        for name in view.covariates():
+        for name in sorted(view.columns.numbers):  # also where these rows all came from one side
             logged = view.columns.numbers[name]
-            if "direction" in name and np.isin(logged[np.isfinite(logged)], (-1.0, 0.0, 1.0)).all():
+            if (
+                "direction" in name
+                and not name.startswith("sim_")
+                and np.isin(logged[np.isfinite(logged)], (-1.0, 0.0, 1.0)).all()
+            ):
                 return np.nan_to_num(logged)
         place = View(view.columns).acquired_place(1)
         angle = view.columns.numbers["stage_angle_deg"]

@@ -34,6 +34,21 @@ def test_backlash_shifts_the_two_directions_of_travel_apart():
     assert left_over(view, state, LIGHT) < 0.03
 
 
+def test_a_logged_direction_holds_where_all_rows_come_from_one_side():
+    """What a row is corrected by must not depend on which other rows stand in the table."""
+    columns = bench(steps=2, back_and_forth=True)
+    logged = np.where(columns.numbers["step"] == 1.0, -1.0, 1.0)
+    columns.numbers["approach_direction"] = logged
+    view = View(columns)
+    variant = variant_of(view, "stage.zero_offset", kind="backlash")
+    both = corrected(view, variant, backlash=0.2)
+    back = columns.numbers["step"] == 1.0
+    alone = bench(steps=2, back_and_forth=True)
+    alone.numbers |= {"approach_direction": np.full(logged.size, -1.0)}
+    from_one_side = corrected(View(alone), variant, backlash=0.2)
+    np.testing.assert_allclose(from_one_side[RANGE][back], both[RANGE][back], atol=1e-9)
+
+
 @pytest.mark.parametrize("frame", ["sensor", "bench"])
 def test_eccentricity_reproduces_a_displaced_origin(frame):
     view = rendered(Camera(forward_m=0.003, right_m=-0.002, fixed_to_bench=frame == "bench"), angles=(-9.0, 9.0, 41))
