@@ -35,6 +35,7 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
     for d in problem.data:
         if not d.calibrated:
             continue
+        d.follow(state)
         acted = not np.array_equal(state[d.channel.name], untouched[d.channel.name], equal_nan=True)
         sure = 1.0 if d.channel.name in lawful else NAMED_ERRORS
         values, errors = _shrunk(d, d.residual(state), sure) if acted else _plain(d, d.residual(state))

@@ -199,6 +199,8 @@ class Decision:
         bad |= {d.channel.name for d in self.problem.data if d.channel.name not in bad and self._is_beaten(d)}
         kept = tuple(t for t in self.best.terms if not self._mostly_in(t, bad))
         if len(kept) != len(self.best.terms):
+            for d in self.problem.data:
+                d.follow(forward(kept, self.problem.view))
             self.best = finish(self.problem, fit(self.problem, kept, rounds=4))
             # a name may only have mended one that does not stand
             self.best = self.search.prune(self.best, self.found.screening)

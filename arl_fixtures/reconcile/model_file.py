@@ -292,8 +292,8 @@ def corrected_state(model: ModelFile, terms: list[Term], view: View) -> State:
     for channel, constants in model.calibration.items():
         if channel in state:
             values = _constants_on_rows(model, constants, view)
-            # as it was fitted: a gain of the untouched simulation, beside the effects and not on top of them
-            state[channel] = state[channel] + values * (view.sim[channel] if channel in model.relative else 1.0)
+            # as it was fitted: a gain of what the effects and laws make of the simulation
+            state[channel] = state[channel] * (1.0 + values) if channel in model.relative else state[channel] + values
     return state
 
 

@@ -126,6 +126,12 @@ class ChannelData:
         """Measured − corrected simulation."""
         return self.measured - self.expect * state[self.channel.name][self.use]
 
+    def follow(self, state: State) -> None:
+        """Let a unit's gain belong to what is corrected: the user calibrated what the sensor saw, effects and all."""
+        if self.channel.role is Role.INTENSITY:
+            self.scale = scale_of(state[self.channel.name][self.use])
+            self.rebuild(self.tau)
+
     def part(self, rows: IntArray) -> ChannelData:
         """The channel on some of its rows, with the same noise."""
         levels = tuple(level.part(rows) for level in self.levels)
@@ -226,8 +232,7 @@ class Problem:
         stated = stated[use]
         sim = simulated[use]
         relative = channel.role in {Role.INTENSITY, Role.SCATTER}
-        middle = float(np.median(np.abs(sim)))
-        scale = np.maximum(np.abs(sim), 1e-3 * middle) if relative and middle > 0 else np.ones(len(use))
+        scale = scale_of(sim) if relative else np.ones(len(use))
         rows = view.rows[use]
         levels: list[Level] = []
         for name, code in (("pixel", groups.pixel), ("angle", groups.angle), ("frame", groups.frame)):
@@ -293,6 +298,12 @@ class Problem:
             d.rebuild(tau)
             total += value
         return total
+
+
+def scale_of(values: FloatArray) -> FloatArray:
+    """What a relative error of 1 would change, at least a thousandth of the median; 1 where there is no signal."""
+    middle = float(np.median(np.abs(values)))
+    return np.maximum(np.abs(values), 1e-3 * middle) if middle > 0 else np.ones(len(values))
 
 
 def carry_gains(problem: Problem, state: State) -> None:

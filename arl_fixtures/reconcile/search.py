@@ -154,6 +154,7 @@ class Search:
         untouched = self.full.view.sim
         for d in self.full.data:
             if best.state[d.channel.name] is not untouched[d.channel.name]:
+                d.follow(best.state)
                 self.looker.calibrate(d, best.state)
         hold_back_edges(self.full, best)
         carry_gains(self.full, best.state)
@@ -161,7 +162,7 @@ class Search:
             for part in self.small.data:
                 whole = next(d for d in self.full.data if d.channel.name == part.channel.name)
                 place = np.searchsorted(self.full.view.rows[whole.use], self.small.view.rows[part.use])
-                part.trust, part.spread = whole.trust[place], whole.spread
+                part.trust, part.spread, part.scale = whole.trust[place], whole.spread, whole.scale[place]
                 part.rebuild(whole.tau)
             carry_gains(self.small, forward(best.terms, self.small.view))
 
