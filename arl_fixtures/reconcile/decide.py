@@ -39,12 +39,12 @@ from arl_fixtures.reconcile.patterns import (
 from arl_fixtures.reconcile.pilot import Structure
 from arl_fixtures.reconcile.problem import FOLDS, ChannelData, Problem
 from arl_fixtures.reconcile.rivals import (
-    BEATEN_BY,
-    BEATEN_SHARE,
     LEAST_Z,
     has_other_place,
     is_outdone,
+    needed_by_law,
     plain_gain,
+    says_the_same,
     share_beside,
 )
 from arl_fixtures.reconcile.roles import Role
@@ -57,8 +57,6 @@ LEFT_SHARE = 0.25
 """Largest share of a channel's mismatch that may stay predictable under a name."""
 UNKNOWN_SHARE = 0.08
 """Share above which what is left is reported as a finding of its own."""
-BEATEN_PLAIN = 0.03
-"""Share of what the names explain to independent rows by which a law without physics must at least be better."""
 SCATTER_SHARE = 0.15
 """Share of what names do to the groups of a channel below which what is left between these is their own error."""
 CONSTANT_Z = 8.0
@@ -219,15 +217,15 @@ class Decision:
         bare = forward([t for t in self.terms if t not in acting], self.problem.view)
         place = locate(self.found.looker, d, bare)
         leading = [*(place.columns if place else []), *self._leading(d)]
-        _, chosen = search_law(self.found.looker, d, bare, leading)
+        law, chosen = search_law(self.found.looker, d, bare, leading)
         base = d.fit_scatter(d.residual(bare))[0]
         price = PRICE * sum(len(t.free()) for t in acting)
         named = d.fit_scatter(d.residual(own))[0] - base - price
         plain = sum(
             plain_gain(self.problem, self.best.terms, t) for t in acting
         )  # free scatters of pixels or steps hide most of a gain
-        least = named + max(BEATEN_BY, BEATEN_SHARE * named, BEATEN_PLAIN * plain)
-        return chosen.z > LEAST_Z and chosen.likelier > least
+        needed = needed_by_law(named, plain, acting, law.drivers)
+        return chosen.z > LEAST_Z and chosen.likelier > needed
 
     def _mostly_in(self, term: Term, names: set[str]) -> bool:
         energy = self.energy(term)
@@ -250,7 +248,8 @@ class Decision:
         state = forward(self.terms, self.problem.view)
         for d in self.problem.data:
             name = d.channel.name
-            acted = bool(self.terms) and any(name in self.energy(t) for t in self.terms)
+            acting = [t for t in self.terms if name in self.energy(t)]
+            acted = bool(acting)
             if acted and d.channel.role is Role.SCATTER and not is_structure(self.found.before[name]):
                 continue  # what is left came with a name's side effect on the scatter
             if not acted or self.left_share(name) > UNKNOWN_SHARE:
@@ -259,7 +258,8 @@ class Decision:
                 except np.linalg.LinAlgError as error:  # costs this law, not the answer
                     self.search.failed[f"law of {name}"] = f"was not found: {error}"
                     continue
-                if law is not None and (law.terms or not acted):  # trees beside a name only mend its shape
+                # trees beside a name only mend its shape, and so does what says the same in other words
+                if law is not None and (not acted or (law.terms and not says_the_same(acting, law.drivers))):
                     self.laws.append(law)
 
     def _find_scatters(self) -> None:

@@ -178,6 +178,8 @@ class Effect(ABC):
     """Whether it acts on all units alike by its nature (one stage turns every DUT): it is not tried on one alone."""
     sparse: ClassVar[bool] = False
     """Whether it takes few pixels whole: what they see is then left out while other effects are sought."""
+    mixes: ClassVar[bool] = False
+    """Whether it mixes a row with rows that lie next to it in the image or the sweep."""
     common: ClassVar[bool] = False
     """Whether the scatter that it adds is the same in all rows of a frame: means of few frames then scatter, too."""
     confusable: ClassVar[tuple[str, ...]] = ()

@@ -17,11 +17,32 @@ from arl_fixtures.reconcile.terms import Term, forward
 
 BEATEN_BY, BEATEN_SHARE = 12.0, 0.05
 """By how much a law must do better than names before these are refused: log-likelihood, or share of their gain."""
+BEATEN_PLAIN = 0.03
+"""Share of what the names explain to independent rows by which a law without physics must at least be better."""
+NEIGHBOURS = ("~edge", "~sweep", "~before", "~frame")
+MIXED_SHARE = 1.0
+"""The share for a law of neighbouring rows where the name mixes rows with their neighbours: it says the same."""
 LEAST_Z = 2.0
 """Significance over blocks below which what is gained on unseen ones is a single block's."""
 PIXEL_COLUMNS = frozenset({"pixel_u", "pixel_v", "azimuth_deg", "elevation_deg"})
 PICTURE_SHARE = 0.3
 """Share of what an effect over the image explains that a free pattern of pixels must gain beside it."""
+
+
+def says_the_same(acting: Sequence[Term], columns: Sequence[str]) -> bool:
+    """Whether a law describes by its columns what a name does: mix rows with those next to them."""
+    return any(c.startswith(NEIGHBOURS) for c in columns) and any(t.effect.mixes for t in acting)
+
+
+def needed_by_law(named: float, plain: float, acting: Sequence[Term], columns: Sequence[str]) -> float:
+    """Likelihood that a law must reach for names to be refused.
+
+    Args:
+        named: what the names gain, less their price; plain: the same if rows shared no errors.
+        acting: the names; columns: of the law.
+    """
+    share = MIXED_SHARE if says_the_same(acting, columns) else BEATEN_SHARE
+    return named + max(BEATEN_BY, share * named, BEATEN_PLAIN * plain)
 
 
 def share_beside(problem: Problem, terms: Sequence[Term], term: Term) -> float:

@@ -39,6 +39,7 @@ class FrameLag(Effect):
         "book-keeping: a frame buffer of n frames read n frames late (share 1: all frames of an angle are stale); "
         "settling of a first-order drive"
     )
+    mixes = True
     confusable = ("stage.zero_offset", "mount.tilt", "target.edge_mixing")
 
     def variants(self, view: View) -> Iterable[Variant]:

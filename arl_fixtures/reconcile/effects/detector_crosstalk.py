@@ -17,6 +17,7 @@ class Crosstalk(Effect):
     id = "detector.crosstalk"
     stage = Stage.DETECTOR
     source = "Huntington et al., Opt. Eng. 60 (2021) 083101: crosstalk of InGaAs flash cameras"
+    mixes = True
     confusable = ("optics.defocus", "optics.veiling_glare")
 
     def variants(self, view: View) -> Iterable[Variant]:

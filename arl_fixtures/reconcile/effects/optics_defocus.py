@@ -38,6 +38,7 @@ class Defocus(Effect):
     id = "optics.defocus"
     stage = Stage.OPTICS
     source = "Born, Wolf, Principles of Optics, sec. 8.8: blur disc grows with |defocus|; Gaussian approximation"
+    mixes = True
     confusable = ("detector.crosstalk", "target.edge_mixing", "optics.focal_drift", "optics.veiling_glare")
 
     def variants(self, view: View) -> Iterable[Variant]:

@@ -21,6 +21,7 @@ class Ghost(Effect):
     id = "optics.ghost"
     stage = Stage.OPTICS
     source = "Hullin et al., ACM Trans. Graph. 30 (2011) 108: lens flares and ghosts from pairs of interfaces"
+    mixes = True
     confusable = ("optics.veiling_glare", "air.multipath")
 
     def variants(self, view: View) -> Iterable[Variant]:

@@ -17,6 +17,7 @@ class VeilingGlare(Effect):
     id = "optics.veiling_glare"
     stage = Stage.OPTICS
     source = "Schäfer, Lenzen, Garbe, Opt. Express 22 (2014) 29835: scattering model of a time-of-flight camera"
+    mixes = True
     confusable = ("detector.dark_offset", "detector.compression", "air.multipath", "optics.defocus")
 
     def variants(self, view: View) -> Iterable[Variant]:

@@ -32,6 +32,7 @@ class EdgeMixing(Effect):
     id = "target.edge_mixing"
     stage = Stage.TARGET
     source = "Tuley, Vandapel, Hebert, ICRA 2005: mixed pixels at range discontinuities"
+    mixes = True
     confusable = ("optics.defocus", "detector.crosstalk", "acquisition.frame_lag")
 
     def variants(self, view: View) -> Iterable[Variant]:

@@ -9,6 +9,8 @@ from scipy.ndimage import gaussian_filter
 from scipy.optimize import least_squares
 
 from arl_fixtures.reconcile.catalogue import library
+from arl_fixtures.reconcile.rivals import needed_by_law
+from arl_fixtures.reconcile.terms import Term, default_values
 from arl_fixtures.reconcile.view import View
 
 LIGHT, RANGE = "intensity_counts", "distance_m"
@@ -221,6 +223,25 @@ def image_view(light, far, u, v):
     }  # fmt: skip
     numbers |= {"intensity_counts": light.ravel().copy(), "distance_m": far.ravel().copy()}
     return View(make_columns(numbers, {})[0])
+
+
+def test_a_law_of_neighbouring_rows_is_no_rival_of_a_name_that_mixes_them():
+    """Neighbours say in other words what crosstalk says; a temperature, or a name of one row, is another matter."""
+    view = image_view(*(image_of()[k] for k in (2, 3, 0, 1)))
+
+    def term(effect):
+        variant = variant_of(view, effect)
+        return Term(effect=library()[effect], variant=variant, values=default_values(variant))
+
+    needed = [
+        needed_by_law(100.0, 0.0, [term(effect)], columns)
+        for effect, columns in (
+            ("detector.crosstalk", ["tof_temperature_c", "~edge(intensity_counts)"]),
+            ("detector.crosstalk", ["tof_temperature_c"]),
+            ("detector.compression", ["~edge(intensity_counts)"]),
+        )
+    ]
+    assert needed[0] > 1.5 * needed[1] == 1.5 * needed[2]
 
 
 def test_glare_is_a_convolution_with_a_flat_kernel():
