@@ -26,6 +26,7 @@ from arl_fixtures.metrics.calibration.camera import (
     free_intrinsics,
 )
 from arl_fixtures.metrics.calibration.circles import Centres
+from arl_fixtures.metrics.calibration.normal import NormalMatrix
 from arl_fixtures.metrics.calibration.places import PlaceInfluence, influence, places
 from arl_fixtures.metrics.reference import NotMeasurableError
 from arl_fixtures.metrics.step import BenchUncertainty
@@ -99,22 +100,23 @@ def adjust(
 
     variance = noise
     trust = np.ones_like(deviation)
-    inverse, theta, residual = np.empty((0, 0)), np.empty(0), deviation
+    theta, residual = np.empty(0), deviation
     for _ in range(ITERATIONS):
         weight = trust / variance
-        inverse = np.linalg.inv(equations.normal(weight) + np.diag(prior)).astype(np.float64)
-        theta = inverse @ (equations.right_side(weight * deviation) - pull)
+        normal = equations.normal(weight, prior)
+        theta = normal.solve(equations.right_side(weight * deviation) - pull)
         residual = deviation - equations.predicted(theta)
         spread = _scale(residual) ** 2
         variance = noise + max(spread - float(np.median(noise)), 0.0)
         trust = np.clip(1.0 - residual**2 / (TUKEY**2 * variance), 0.0, None) ** 2
 
     count = len(free_intrinsics(field.dut.intrinsics))
-    by_group = {name: (inverse * np.where(group == k, prior, 0.0)) @ inverse.T for k, name in enumerate(GROUPS)}
+    covariance = normal.covariance()[:count]
+    by_group = {name: (covariance * np.where(group == k, prior, 0.0)) @ covariance.T for k, name in enumerate(GROUPS)}
     whitened = np.sqrt(trust / variance)
     design, stage = equations.whitened(whitened)
     by_place = influence(
-        places(field, used), design, stage, equations.angle[::2], inverse, (whitened * residual).reshape(-1, 2), count
+        places(field, used), design, stage, equations.angle[::2], normal, (whitened * residual).reshape(-1, 2), count
     )
     moves = np.zeros_like(theta)
     camera = [k for k, name in enumerate(field.names) if "." not in name or name.startswith("mount.")]
@@ -123,7 +125,7 @@ def adjust(
         names=field.names[:count],
         offsets=dict(zip(field.names, theta[: len(field.names)].tolist(), strict=True)),
         centres=by_place,
-        by_group={name: part[:count, :count] for name, part in by_group.items()},
+        by_group=by_group,
         circles=int(used.sum()),
         residual_px=float(np.sqrt(np.average(residual**2, weights=trust))),
         moved_px=float(np.sqrt(np.mean(equations.predicted(moves) ** 2))),
@@ -153,17 +155,13 @@ class _Equations:
         dense = field.jacobian[used].reshape(-1, len(field.names))
         return cls(dense, field.stage_jacobian[used].ravel(), np.repeat(number, 2), int(occurs.sum()))
 
-    def normal(self, weight: Float64Array) -> Float64Array:
-        """JᵀWJ; each deviation depends on one stage angle only."""
+    def normal(self, weight: Float64Array, prior: Float64Array) -> NormalMatrix:
+        """JᵀWJ and the precisions (p + angles,) of the priors."""
         p = self.dense.shape[1]
-        matrix = np.zeros((p + self.angles, p + self.angles))
-        matrix[:p, :p] = self.dense.T @ (self.dense * weight[:, None])
-        for k in range(p):
-            matrix[k, p:] = self._by_angle(weight * self.stage * self.dense[:, k])
-        matrix[p:, :p] = matrix[:p, p:].T
-        diagonal = np.arange(p, p + self.angles)
-        matrix[diagonal, diagonal] = self._by_angle(weight * self.stage**2)
-        return matrix
+        weighted = self.dense * weight[:, None]
+        border = np.stack([self._by_angle(self.stage * column) for column in weighted.T])
+        own = self._by_angle(weight * self.stage**2)
+        return NormalMatrix(self.dense.T @ weighted + np.diag(prior[:p]), border, own + prior[p:])
 
     def right_side(self, weighted: Float64Array) -> Float64Array:
         """Jᵀ times weighted deviations."""

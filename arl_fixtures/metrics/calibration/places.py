@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from arl_fixtures.metrics.calibration.camera import CircleField
+from arl_fixtures.metrics.calibration.normal import NormalMatrix
 from arl_fixtures.metrics.reference import NotMeasurableError
 
 Float64Array = npt.NDArray[np.float64]
@@ -76,7 +77,8 @@ class PlaceInfluence:
         change[here] -= then[there]
         total, dof = self._variance(k, change)
         # places that were seen then only: nothing cancels
-        return total + max(float(then @ then - then[there] @ then[there]), 0.0), dof
+        gone = np.delete(then, there)
+        return total + float(gone @ gone), dof
 
     def _variance(self, k: int, influence: Float64Array) -> tuple[float, float]:
         total, spread = 0.0, 0.0
@@ -105,48 +107,71 @@ def influence(
     design: tuple[Float64Array, Float64Array],
     stage: Float64Array,
     angle: Int64Array,
-    inverse: Float64Array,
+    normal: NormalMatrix,
     residuals: Float64Array,
     parameters: int,
 ) -> PlaceInfluence:
     """Leave every place out once.
 
-    With the hat matrix of a place's own centres, H = A C Aᵀ, the estimate changes by C Aᵀ (1 − H)⁻¹ r.
+    Without a place, whose centres have the derivatives A and the residuals r, the normal matrix is N − AᵀA and the
+    estimate differs by (N − AᵀA)⁻¹ Aᵀ r.
 
     Args:
         place: (k, 2) of `places`.
-        design: derivatives of the whitened u and of the whitened v by the q dense parameters, (k, q) each.
+        design: derivatives of the whitened u and of the whitened v by the q shared parameters, (k, q) each.
         stage: (k, 2) derivatives of the same by the own stage angle.
-        angle: (k,) number of that, the parameters after the dense ones.
-        inverse: C, covariance of all parameters.
+        angle: (k,) number of that.
+        normal: N, priors included.
         residuals: (k, 2), whitened.
-        parameters: how many of the dense parameters are asked for, the first ones.
+        parameters: how many of the shared parameters are asked for, the first ones.
 
     Raises:
         NotMeasurableError: a parameter hangs on a single place.
     """
     names, in_v, changes, shares = [], [], [], []
-    for axis, dense in enumerate(design):
-        q = dense.shape[1]
-        order = np.argsort(place[:, axis], kind="stable")
-        found, first = np.unique(place[order, axis], return_index=True)
-        for centres in np.split(order, first[1:]):
-            # a centre depends on its own stage angle only: columns of A C that its place needs, and no others
-            rest, own, slope = dense[centres], angle[centres] + q, stage[centres, axis]
-            rows = rest @ inverse[:q, :q] + slope[:, None] * inverse[own, :q]
-            by_angle = rest @ inverse[:q, own] + slope[:, None] * inverse[own[:, None], own]
-            hat = rows @ rest.T + by_angle * slope
-            try:
-                free = np.linalg.solve(np.eye(len(centres)) - hat, residuals[centres, axis])
-            except np.linalg.LinAlgError:
-                raise NotMeasurableError("the circles seen at one place of the image decide K alone") from None
-            changes.append(rows[:, :parameters].T @ free)
-            shares.append(np.square(rows[:, :parameters]).sum(axis=0))
+    covariance = normal.covariance()[:parameters]
+    for axis, shared in enumerate(design):
+        q, n = normal.border.shape
+        found, of_place = np.unique(place[:, axis], return_inverse=True)
+        slope, residual = stage[:, axis], residuals[:, axis]
+        gain = shared @ covariance[:, :q].T + slope[:, None] * covariance[:, q + angle].T
+        own = _Sums(of_place * n + angle, len(found) * n)
+        whole = _Sums(of_place, len(found))
+        without = NormalMatrix(
+            normal.shared - np.stack([rows.T @ rows for rows in whole.parts(shared)]),
+            normal.border - own(slope[:, None] * shared).reshape(-1, n, q).swapaxes(1, 2),
+            normal.own - own(slope[:, None] ** 2).reshape(-1, n),
+        )
+        right_own = own((slope * residual)[:, None]).reshape(-1, n)
+        try:
+            change = without.solve_shared(whole(residual[:, None] * shared), right_own)
+        except np.linalg.LinAlgError:
+            raise NotMeasurableError("the circles seen at one place of the image decide K alone") from None
+        changes.append(change[:, :parameters])
+        shares.append(whole(gain**2))
         names.append(found)
         in_v.append(np.full(len(found), axis == 1))
     return PlaceInfluence(
         place=np.concatenate(names).astype(np.int64),
         in_v=np.concatenate(in_v),
-        influence=np.array(changes),
-        share=np.array(shares),
+        influence=np.concatenate(changes),
+        share=np.concatenate(shares),
     )
+
+
+class _Sums:
+    """Sums of rows that carry the same number, of those below a count."""
+
+    def __init__(self, number: Int64Array, count: int) -> None:
+        self._order = np.argsort(number, kind="stable")
+        self._found, self._first = np.unique(number[self._order], return_index=True)
+        self._count = count
+
+    def parts(self, rows: Float64Array) -> list[Float64Array]:
+        """The rows of each number that occurs."""
+        return np.split(rows[self._order], self._first[1:])
+
+    def __call__(self, rows: Float64Array) -> Float64Array:
+        sums = np.zeros((self._count, rows.shape[1]))
+        sums[self._found] = np.add.reduceat(rows[self._order], self._first, axis=0)
+        return sums
