@@ -129,8 +129,13 @@ class ChannelData:
     def follow(self, state: State) -> None:
         """Let a unit's gain belong to what is corrected: the user calibrated what the sensor saw, effects and all."""
         if self.channel.role is Role.INTENSITY:
-            self.scale = scale_of(state[self.channel.name][self.use])
+            self.relate_to(scale_of(state[self.channel.name][self.use]))
             self.rebuild(self.tau)
+
+    def relate_to(self, scale: FloatArray) -> None:
+        """Let gains and what groups share be parts of other values: of two kinds, they would differ by any curve."""
+        self.scale = scale
+        self.levels = tuple(level if level.declared else replace(level, scale=scale) for level in self.levels)
 
     def part(self, rows: IntArray) -> ChannelData:
         """The channel on some of its rows, with the same noise."""

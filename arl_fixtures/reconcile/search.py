@@ -162,7 +162,8 @@ class Search:
             for part in self.small.data:
                 whole = next(d for d in self.full.data if d.channel.name == part.channel.name)
                 place = np.searchsorted(self.full.view.rows[whole.use], self.small.view.rows[part.use])
-                part.trust, part.spread, part.scale = whole.trust[place], whole.spread, whole.scale[place]
+                part.trust, part.spread = whole.trust[place], whole.spread
+                part.relate_to(whole.scale[place])
                 part.rebuild(whole.tau)
             carry_gains(self.small, forward(best.terms, self.small.view))
 

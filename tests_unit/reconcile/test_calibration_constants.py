@@ -77,3 +77,23 @@ def test_a_gain_of_what_is_corrected_is_no_misfit():
     (channel,) = Problem(table).data
     assert mean_square(channel, {"intensity_counts": truth}, centred=True) == pytest.approx(1.0, abs=0.15)
     assert mean_square(channel, {"intensity_counts": light}, centred=True) > 100.0
+
+
+def test_a_gain_and_what_a_step_shares_cannot_stand_for_a_curve_together():
+    """Four steps tell no scatter of their own, so a step's gain is free; beside a unit's it must not bend the signal.
+
+    The receiver's supply rail limits it: a long-tailed pair, whose output is tanh of its input.
+    """
+    rng = np.random.default_rng(5)
+    rows = 800
+    signal = rng.uniform(50.0, 2500.0, rows)
+    seen = 3200.0 * np.tanh(signal / 3200.0)
+    seen *= np.mean(signal / seen)
+    noise = 0.01 * signal
+    table = pa.table({
+        "step": np.arange(rows) * 4 // rows, "true_range_m": rng.uniform(0.5, 4.0, rows),
+        "sim_intensity_counts": signal, "sim_intensity_counts_std": noise,
+        "intensity_counts": seen + rng.normal(0.0, noise),
+    })  # fmt: skip
+    findings = diagnose(columns_of(table))[0].findings
+    assert [f.effect for f in findings] == ["detector.compression"]
