@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from arl_fixtures.metrics.calibration.adjustment import adjust
 from arl_fixtures.metrics.calibration.circles import Centres, circle_plan, find_centres
-from arl_fixtures.metrics.calibration.places import PLACE_PX
+from arl_fixtures.metrics.calibration.places import MOST_COLUMNS, PLACE_PX, places
 from arl_fixtures.metrics.geometry import GeometryCache
 from arl_fixtures.metrics.reference import NotMeasurableError
 from arl_fixtures.metrics.step import BenchUncertainty
@@ -117,6 +119,15 @@ def test_what_a_place_repeats_cancels_in_a_change_and_what_it_does_not_adds(plan
         assert apart == pytest.approx(other.variance(k)[0] + before.variance(k)[0], rel=0.5)
         elsewhere = other.variance_of_change(k, before.place + 10**15, before.influence[:, k])[0]
         assert elsewhere == pytest.approx(other.variance(k)[0] + before.variance(k)[0], rel=1e-9)
+
+
+def test_a_place_is_called_the_same_when_a_target_was_found_higher(plan):
+    field, used = plan.circles, np.ones(len(plan.circles.angle), bool)
+    raised = replace(field, up_m=field.up_m + np.where(field.board == 0, 0.0007, -0.0004))
+    known = {f"{field.boards[0]}.up_m": 0.0007, f"{field.boards[1]}.up_m": -0.0004}
+    row = places(field, used, {}) // 2 // MOST_COLUMNS
+    assert len(np.unique(row)) == 5
+    assert np.array_equal(places(raised, used, known) // 2 // MOST_COLUMNS, row)
 
 
 def test_wild_centres_lose_their_weight(plan):

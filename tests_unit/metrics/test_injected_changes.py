@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
+import numpy as np
 import pytest
 from simulated_sweep import SimulatedBench, value_of
 
@@ -12,6 +13,7 @@ from arl_fixtures.metrics.reference import NotMeasurableError
 from arl_fixtures.metrics.registry import measure, remember
 from arl_fixtures.twin.beam import BeamSettings, PowerPatch
 from arl_fixtures.twin.noise import NoiseSettings
+from arl_fixtures.twin.scene import SceneSettings
 from arl_fixtures.twin.settings import DutSettings
 
 DUT = DutSettings(serial="SN-7", dead_pixels=((5, 5), (100, 20)))
@@ -99,6 +101,23 @@ def test_a_camera_far_from_its_file_is_found(off):
         truth = off.get(name, getattr(DUT.intrinsics, name))
         assert abs(found.value - truth) < SIGMAS * found.u
         assert found.u < 0.06
+
+
+def test_a_target_that_hangs_higher_is_rendered_so_and_takes_nothing_from_the_camera():
+    panels = tuple(
+        panel.model_copy(update={"centre_z_m": 0.0012}) if panel.name == "intrinsic_left" else panel
+        for panel in SceneSettings().panels
+    )
+    angles_deg = coarse_bench().angles_deg
+    actual = SimulatedBench(DUT, actual_scene=SceneSettings(panels=panels), angles_deg=angles_deg)
+    found = coarse_bench().step(sweep=actual.sweep(201)).derive(intrinsics.calibrate)
+    raised_mm = 1e3 * (found.assumed["intrinsic_left.up_m"] - found.assumed["intrinsic_right.up_m"])
+    assert raised_mm == pytest.approx(1.2, abs=0.1)
+    # the twin's circles are the sensor's again, but for single rays
+    assert found.adjustment.residual_px < 0.006
+    for k, name in enumerate(found.names):
+        u = np.sqrt(sum(part.u**2 for part in found.contributions(k)))
+        assert abs(found.values[k] - getattr(DUT.intrinsics, name)) < SIGMAS * u
 
 
 def test_a_camera_that_confuses_the_circles_is_no_camera():

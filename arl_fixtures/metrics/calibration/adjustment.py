@@ -38,6 +38,9 @@ BoolArray = npt.NDArray[np.bool_]
 ITERATIONS: Final = 4
 TUKEY: Final = 6.0
 """Bisquare constant; wide, because the sampling's scatter is not normal."""
+JUMP_PX: Final = 0.02
+"""What one ray more or less of 3 × 3 moves the centre of a circle by that is four pixels wide. That is not wild,
+however still the others are: where twin and sensor nearly agree, such jumps are all that tells what is left."""
 HALF_NORMAL_50: Final = 0.6745
 HALF_NORMAL_90: Final = 1.6449
 """Quantiles of |x| for a standard normal x."""
@@ -60,7 +63,7 @@ class Adjustment:
         by_group: covariance of the intrinsic parameters from each group of `GROUPS`.
         circles: centres used.
         residual_px: root mean square of the residuals, robust.
-        moved_px: root mean square of what the estimated intrinsics and mount move the centres by.
+        moved_px: root mean square of what the estimates move the centres by, the stage angles' left out.
     """
 
     names: tuple[str, ...]
@@ -81,7 +84,7 @@ def adjust(
         field: the circles, as the assumed camera and mount see them.
         centres: where they were found.
         uncertainty: of mount, targets and stage angles.
-        known: offsets of mount parameters that `field` already contains, by name; the priors know nothing of them.
+        known: offsets of mount and targets that `field` already contains, by name; the priors know nothing of them.
 
     Raises:
         NotMeasurableError: too few circles.
@@ -108,7 +111,7 @@ def adjust(
         residual = deviation - equations.predicted(theta)
         spread = _scale(residual) ** 2
         variance = noise + max(spread - float(np.median(noise)), 0.0)
-        trust = np.clip(1.0 - residual**2 / (TUKEY**2 * variance), 0.0, None) ** 2
+        trust = np.clip(1.0 - residual**2 / (TUKEY**2 * np.maximum(variance, JUMP_PX**2)), 0.0, None) ** 2
 
     count = len(free_intrinsics(field.dut.intrinsics))
     covariance = normal.covariance()[:count]
@@ -116,11 +119,16 @@ def adjust(
     whitened = np.sqrt(trust / variance)
     design, stage = equations.whitened(whitened)
     by_place = influence(
-        places(field, used), design, stage, equations.angle[::2], normal, (whitened * residual).reshape(-1, 2), count
+        places(field, used, known),
+        design,
+        stage,
+        equations.angle[::2],
+        normal,
+        (whitened * residual).reshape(-1, 2),
+        count,
     )
     moves = np.zeros_like(theta)
-    camera = [k for k, name in enumerate(field.names) if "." not in name or name.startswith("mount.")]
-    moves[camera] = theta[camera]
+    moves[: len(field.names)] = theta[: len(field.names)]
     return Adjustment(
         names=field.names[:count],
         offsets=dict(zip(field.names, theta[: len(field.names)].tolist(), strict=True)),

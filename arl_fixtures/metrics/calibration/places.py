@@ -15,6 +15,7 @@ that of the differences of the places' influences.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -91,9 +92,14 @@ class PlaceInfluence:
         return total, (max(total**2 / spread, 1.0) if spread > 0.0 else np.inf)
 
 
-def places(field: CircleField, used: BoolArray) -> Int64Array:
-    """Names of the places of each used centre in the image, (k, 2) for u and for v: row by `PLACE_PX` columns."""
-    height_um = np.rint(1e6 * field.up_m[used]).astype(np.int64)
+def places(field: CircleField, used: BoolArray, known: Mapping[str, float]) -> Int64Array:
+    """Names of the places of each used centre in the image, (k, 2) for u and for v: row by `PLACE_PX` columns.
+
+    A row goes by the height that the bench file gives it, without the known offsets of the targets, so that it is
+    called the same in every sweep.
+    """
+    raised_m = np.array([known.get(f"{board}.up_m", 0.0) for board in field.boards])[field.board]
+    height_um = np.rint(1e6 * (field.up_m - raised_m)[used]).astype(np.int64)
     u_px = field.pixels()[used, 0]
     names = []
     for axis, width_px in enumerate(PLACE_PX):

@@ -2,9 +2,9 @@
 
 Circle centres come from the temporal mean images with the blob's bias taken from the twin's own frames
 (`calibration.circles`); K and δ follow from a bundle adjustment with mount, targets and stage angles as nearly known
-(`calibration.adjustment`). It begins with the camera of the reference, or of the DUT file where there is none; where
-the found camera is not the assumed one, the twin is rendered again with the found one and the rest is measured
-against that.
+(`calibration.adjustment`). It begins with what was found for the reference, or with the files where there is none;
+where camera, mount and targets are not where they were assumed to be, the twin is rendered again as they were found,
+and the rest is measured against that. Only the stage angles stay the nominal ones: they are others in each sweep.
 
 Changes against the reference: mount and targets are the same ones then and now, so their part cancels, and so does
 what a place on the sensor contributed already then, to the extent that it contributes the same now; what remains is
@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from arl_fixtures.metrics.calibration.adjustment import Adjustment, adjust
-from arl_fixtures.metrics.calibration.camera import FOCAL, PRINCIPAL, free_intrinsics
+from arl_fixtures.metrics.calibration.camera import FOCAL, PRINCIPAL, TARGET_POSITION, free_intrinsics
 from arl_fixtures.metrics.calibration.circles import circle_plan, find_centres
 from arl_fixtures.metrics.geometry import Geometry
 from arl_fixtures.metrics.measurement import Measurement
@@ -32,12 +32,13 @@ from arl_fixtures.metrics.reference import NotMeasurableError
 from arl_fixtures.metrics.step import NO_REFERENCE, StepData
 from arl_fixtures.quantity import Contribution, Kind, Quantity
 from arl_fixtures.twin.frame import Renderer
+from arl_fixtures.twin.scene import SceneSettings
 from arl_fixtures.twin.settings import DutSettings
 
 Float64Array = npt.NDArray[np.float64]
 
 NEAR_PX: Final = 0.01
-"""When camera and mount just found move the circles by less than this (rms), the twin need not be rendered again."""
+"""When what was just found moves the circles by less than this (rms), the twin need not be rendered again."""
 MOST_ROUNDS: Final = 4
 WORST_RESIDUAL_PX: Final = 0.06
 """Sampling and noise scatter a centre by 0.03 px at most; circles taken for their neighbours by more than this."""
@@ -54,7 +55,7 @@ class Calibration:
         names: parameter names.
         values: their values, pixels or dimensionless.
         adjustment: with the covariances.
-        assumed: offsets from the DUT file, by name, of the camera and mount that the twin was rendered with last.
+        assumed: offsets from the files, by name, of camera, mount and targets that the twin was rendered with last.
     """
 
     names: tuple[str, ...]
@@ -100,9 +101,7 @@ def calibrate(step: StepData) -> Calibration:
             if seen < LEAST_SHARE * planned or not planned:
                 raise NotMeasurableError(f"{board}: {seen} of {planned} circles seen{step.shortfall}")
         found = adjust(plan.circles, centres, step.uncertainty, assumed)
-        offsets = {
-            name: assumed.get(name, 0.0) + offset for name, offset in found.offsets.items() if _is_camera(name)
-        }
+        offsets = {name: assumed.get(name, 0.0) + offset for name, offset in found.offsets.items()}
         near = found.moved_px < NEAR_PX
         if (again or near) and found.residual_px > WORST_RESIDUAL_PX:
             raise NotMeasurableError(
@@ -116,7 +115,7 @@ def calibrate(step: StepData) -> Calibration:
 
 
 def _known_offsets(step: StepData) -> dict[str, float]:
-    """Where to begin: with the camera and mount of the reference, where there is one, else with the DUT file's.
+    """Where to begin: with what was found for the reference, where there is one, else with the files.
 
     The reference's is likely to be near, and with the same twin then and now a circle's sampling errors are the same
     and cancel in the change.
@@ -132,14 +131,15 @@ def _known_offsets(step: StepData) -> dict[str, float]:
 
 
 def _geometry_with(geometry: Geometry, offsets: Mapping[str, float], *, keep: bool) -> Geometry:
-    """The expectation for another camera and mount; one that the next step will ask for again is kept."""
+    """The expectation for another camera, mount and targets; one that the next step will ask for again is kept."""
     if not offsets:
         return geometry
     kept = geometry.derive(_kept_geometries)
     key = tuple(offsets.items())
     if key in kept:
         return kept[key]
-    renderer = Renderer(_with_offsets(geometry.dut, offsets), geometry.scene, remembered_angles=1)
+    dut, scene = _with_offsets(geometry.dut, offsets), _moved(geometry.scene, offsets)
+    renderer = Renderer(dut, scene, remembered_angles=1)
     found = Geometry(renderer, geometry.stage_angle_deg)
     if keep:
         kept.clear()
@@ -150,10 +150,6 @@ def _geometry_with(geometry: Geometry, offsets: Mapping[str, float], *, keep: bo
 def _kept_geometries(_: Geometry) -> dict[tuple[tuple[str, float], ...], Geometry]:
     """Room for one expectation with another camera, beside the geometry of the DUT file."""
     return {}
-
-
-def _is_camera(name: str) -> bool:
-    return "." not in name or name.startswith("mount.")
 
 
 def _with_offsets(dut: DutSettings, offsets: Mapping[str, float]) -> DutSettings:
@@ -168,6 +164,20 @@ def _with_offsets(dut: DutSettings, offsets: Mapping[str, float]) -> DutSettings
             "height_m": dut.height_m + up_m,
         }
     )
+
+
+def _moved(scene: SceneSettings, offsets: Mapping[str, float]) -> SceneSettings:
+    """The chamber with its targets elsewhere; a shift along the wall is one of the azimuth."""
+    panels = []
+    for panel in scene.panels:
+        radial_m, aside_m, up_m = (offsets.get(f"{panel.name}.{axis}", 0.0) for axis in TARGET_POSITION)
+        place = {
+            "radius_m": panel.radius_m + radial_m,
+            "azimuth_deg": panel.azimuth_deg + math.degrees(aside_m / panel.radius_m),
+            "centre_z_m": panel.centre_z_m + up_m,
+        }
+        panels.append(panel.model_copy(update=place))
+    return scene.model_copy(update={"panels": tuple(panels)})
 
 
 def evaluate(step: StepData) -> list[Measurement]:
