@@ -59,14 +59,26 @@ def identity(cycle: Cycle) -> Section:
     )
     duts = Table(
         title="Devices under test",
-        header=("Position", "Serial number", "Type"),
+        header=("Position", "Serial number", "Type", "Changes are against"),
         rows=tuple(
-            (Cell(str(place)), Cell(shown(dut.serial)), Cell(shown(dut.model) or NOTHING))
+            (
+                Cell(str(place)),
+                Cell(shown(dut.serial)),
+                Cell(shown(dut.model) or NOTHING),
+                Cell(_references(cycle, dut.serial) or NOTHING),
+            )
             for place, dut in enumerate(who.duts, start=1)
         ),
-        weights=(1.0, 3.0, 2.0),
+        weights=(1.0, 2.4, 1.4, 4.0),
     )
     return Section(title="Identity", blocks=(facts, duts, instruments(record, utc_date(cycle.end_utc_ns))))
+
+
+def _references(cycle: Cycle, serial: str) -> str:
+    """What the relative values of a DUT were held against; more than one where it changed under way."""
+    measured = (each for attempt in cycle.attempts for each in attempt.measurements if each.dut == serial)
+    named = dict.fromkeys(each.reference for each in measured if each.reference)
+    return "; ".join(shown(each).replace(" degC", " °C") for each in named)
 
 
 def _software(record: SessionRecord) -> str:

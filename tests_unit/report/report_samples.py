@@ -47,6 +47,7 @@ def value(
     u: float = 0.01,
     reason: str = "",
     held: said.AppliedLimit | None = None,
+    reference: str = "",
 ) -> list[said.JournalModel]:
     """A measurement and its judgement."""
     repeat = (said.Contribution(name="repeatability", u=u, kind="A", dof=100.0),)
@@ -58,6 +59,7 @@ def value(
         scope=scope,
         value=number,
         unit="" if number is None else "%",
+        reference=reference,
         u=None if number is None else u,
         dof=None if number is None else 100.0,
         contributions=() if number is None else repeat,

@@ -99,6 +99,23 @@ def test_the_reference_sweep_decides_nothing(tmp_path):
     assert report_of(journal(tmp_path, lines, [STEP])).verdict.text == "PASS"
 
 
+def test_it_is_told_what_each_dut_s_changes_are_against(tmp_path):
+    lines = step_of(
+        0,
+        0,
+        25.0,
+        [
+            *value(STEP, "SN-1", 0.1, reference="cycle 0, before its first step, 25 degC"),
+            *value(STEP, "SN-1", 0.1, metric="power_worst_3x3", reference="cycle 0, before its first step, 25 degC"),
+            *value(STEP, "SN-2", 0.1),
+        ],
+    )
+    report = report_of(journal(tmp_path, lines, [STEP], duts=["SN-1", "SN-2"]))
+    duts = next(block for block in section(report, "Identity").blocks if isinstance(block, Table))
+    column = duts.header.index("Changes are against")
+    assert [row[column].text for row in duts.rows] == ["cycle 0, before its first step, 25 °C", "–"]
+
+
 def test_of_a_limit_s_values_the_one_nearest_to_it_is_shown(tmp_path):
     lines, plan = [], []
     for index, number in enumerate((0.1, -0.8, 0.5)):
