@@ -78,7 +78,7 @@ def _references(cycle: Cycle, serial: str) -> str:
     """What the relative values of a DUT were held against; more than one where it changed under way."""
     measured = (each for attempt in cycle.attempts for each in attempt.measurements if each.dut == serial)
     named = dict.fromkeys(each.reference for each in measured if each.reference)
-    return "; ".join(shown(each).replace(" degC", " °C") for each in named)
+    return "; ".join(shown(each).replace(" degC", "\u00a0°C") for each in named)
 
 
 def _software(record: SessionRecord) -> str:

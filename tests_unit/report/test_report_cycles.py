@@ -113,7 +113,7 @@ def test_it_is_told_what_each_dut_s_changes_are_against(tmp_path):
     report = report_of(journal(tmp_path, lines, [STEP], duts=["SN-1", "SN-2"]))
     duts = next(block for block in section(report, "Identity").blocks if isinstance(block, Table))
     column = duts.header.index("Changes are against")
-    assert [row[column].text for row in duts.rows] == ["cycle 0, before its first step, 25 °C", "–"]
+    assert [row[column].text for row in duts.rows] == ["cycle 0, before its first step, 25\u00a0°C", "–"]
 
 
 def test_of_a_limit_s_values_the_one_nearest_to_it_is_shown(tmp_path):
