@@ -11,14 +11,16 @@ from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.screen import Candidate, is_search
+from arl_fixtures.reconcile.step_means import act_apart
 from arl_fixtures.reconcile.terms import Term, forward
 
 PRICE = 2.0
 """Log-likelihood that each free parameter must earn."""
 MISFIT_SHARE, HIDDEN_SHARE = 0.15, 0.004
 """A further effect on a channel must gain this share of what one there gains, with and without a driver in common."""
-FURTHER = 3.0
-"""What a further effect on a channel must gain beyond the threshold: no operator before it is exact."""
+FURTHER, FURTHER_APART = 3.0, 1.0
+"""What a further effect on a channel must gain beyond the threshold, as no operator before it is exact; less where
+the two have no driver in common."""
 QUIET, QUIET_GAIN = 0.15, 3.0
 """Share of its mean square below which an effect hardly acts, and what a further one must gain there."""
 LEAST_SCATTER = 0.03
@@ -52,9 +54,13 @@ def evidence(ranked: Ranked, surcharge: float) -> float:
     """
     variant = ranked.candidate.term.variant
     amplitudes = sum(not p.per for p in variant.amplitudes())
-    is_further = any(set(term.variant.channels) & set(variant.channels) for term in ranked.fit.terms[:-1])
+    before = [t for t in ranked.fit.terms[:-1] if set(t.variant.channels) & set(variant.channels)]
     sure = min(ranked.gain / PATTERN_ODDS, ranked.robust)
-    sure += -FURTHER if is_further else float(np.clip(0.5 * sure, 0.0, PRICE * amplitudes))
+    if before:
+        alike = any(_columns(term) & _columns(ranked.fit.terms[-1]) for term in before)
+        sure -= FURTHER if alike else FURTHER_APART
+    else:
+        sure += float(np.clip(0.5 * sure, 0.0, PRICE * amplitudes))
     return sure - (surcharge if is_search(variant) else 0.0)
 
 
@@ -100,7 +106,10 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
             continue
         alike = bool(_columns(term) & _columns(new))
         least = (MISFIT_SHARE if alike else HIDDEN_SHARE) * gains.get(index, 0.0)
-        apart = not alike and ranked.gain > 0.1 * least and _stands_apart(problem, base, ranked, index)
+        apart = not alike and (
+            _tells_others(problem, base, ranked, index)
+            or (ranked.gain > 0.1 * least and _stands_apart(problem, base, ranked, index))
+        )
         if ranked.gain < least and not apart:
             return True
     return False
@@ -109,6 +118,13 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
 def _columns(term: Term) -> set[str]:
     """Drivers, a measured column and its simulation counted as one."""
     return {name.removeprefix("sim_") for name in term.variant.drivers}
+
+
+def _tells_others(problem: Problem, base: Fit, ranked: Ranked, index: int) -> bool:
+    """Whether one of the two tells steps apart and the other acts within them: no misfit of one is the other."""
+    view, terms = problem.view, ranked.fit.terms
+    bare = forward([], view)
+    return act_apart(problem, bare, forward([base.terms[index]], view), forward([terms[-1]], view))
 
 
 def _stands_apart(problem: Problem, base: Fit, ranked: Ranked, index: int) -> bool:

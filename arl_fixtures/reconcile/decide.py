@@ -24,7 +24,6 @@ from arl_fixtures.reconcile.findings import (
     scatter_finding,
 )
 from arl_fixtures.reconcile.fit import Fit, finish, fit, with_vector
-from arl_fixtures.reconcile.followed import condition_of
 from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.law_search import add_trees, is_law, search_law
 from arl_fixtures.reconcile.locate import locate, located_law
@@ -49,6 +48,7 @@ from arl_fixtures.reconcile.rivals import (
 )
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.search import Found, Search, constant_z
+from arl_fixtures.reconcile.step_means import acts_within_steps, left_in_steps
 from arl_fixtures.reconcile.terms import Term, forward
 
 STRUCTURE_Z, STRUCTURE_GAIN = 3.7, 12.0
@@ -164,23 +164,17 @@ class Decision:
         """Share of a channel's mismatch that stays predictable."""
         left = self.after[name]
         if not is_structure(left):
-            return self._left_in_steps(name)
+            d = next(d for d in self.problem.data if d.channel.name == name)
+            seen = is_structure(self.found.before[name])
+            return left_in_steps(self.problem, d, self.terms, LEFT_SHARE) if seen else 0.0
         now = self._gain_of_terms(name)
         return left.gain / max(self.found.before[name].gain, left.gain + max(now, 0.0), 1.0)
 
-    def _left_in_steps(self, name: str) -> float:
-        """Share of what steps differ by that they still differ by, where it follows a recorded condition."""
-        d = next(d for d in self.problem.data if d.channel.name == name)
-        level = next((level for level in d.levels if level.name == "step"), None)
-        state, untouched = forward(self.terms, self.problem.view), self.problem.view.fresh_state()
-        if level is None or state[name] is untouched[name] or not is_structure(self.found.before[name]):
-            return 0.0
-        taus = [d.fit_scatter(d.residual(s))[1]["step"] for s in (untouched, state)]
-        size = float(np.median(level.scale))
-        before, after = (size**2 * max(tau**2 - level.floor**2, 0.0) for tau in taus)
-        moved = d.expect * (state[name] - untouched[name])[d.use]
-        share = after / max(before, float(np.mean(moved**2)), 1e-300)
-        return share if share > LEFT_SHARE and condition_of(self.problem, d, "step", state) else 0.0
+    def _is_left(self, d: ChannelData) -> bool:
+        """Whether so much stays predictable that the names of a channel cannot stand."""
+        if self.left_share(d.channel.name) <= LEFT_SHARE:
+            return False
+        return is_structure(self.after[d.channel.name]) or not acts_within_steps(self.problem, d, self.terms)
 
     def _gain_of_terms(self, name: str) -> float:
         """Drop of half the sum of squares of a channel that the accepted effects bring."""
@@ -193,7 +187,7 @@ class Decision:
         """Drop the names of channels in which too much stays predictable, or which a law without physics beats."""
         if not self.best.terms:
             return
-        bad = {d.channel.name for d in self.problem.data if self.left_share(d.channel.name) > LEFT_SHARE}
+        bad = {d.channel.name for d in self.problem.data if self._is_left(d)}
         bad |= {d.channel.name for d in self.problem.data if d.channel.name not in bad and self._is_beaten(d)}
         kept = tuple(t for t in self.best.terms if not self._mostly_in(t, bad))
         if len(kept) != len(self.best.terms):

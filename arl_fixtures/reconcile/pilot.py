@@ -15,11 +15,17 @@ from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.features import features_of
 from arl_fixtures.reconcile.problem import ChannelData, Problem
+from arl_fixtures.reconcile.roles import Role
 
 MOST_ROWS = 12_000
 TAIL_Z = 2.5
 FAR_Z = 20.0
 """Standard errors beyond which a row is no tail of any noise: it counts the less, the farther it lies."""
+TAIL_SPREAD = 1.1
+"""Scatter of a standard deviation, in Gaussian ones, from which its frames have heavy tails."""
+TAIL_DEFICIT = 3.0
+"""Deficit of the mean of standard deviations, in their excess variance, that tails like Student's with 4 degrees of
+freedom make where the farthest rows are held back (a median of 10 frames' deviations is 10 % low, its mean 5 %)."""
 TAIL_SHARE = 0.004
 """More than this share of rows beyond 4 standard errors means heavy tails (a Gaussian has 0.00006)."""
 
@@ -78,6 +84,7 @@ class Looker:
         """Set spread, trust and group scatters of a channel from what the physics-free model leaves."""
         data.trust = np.ones(len(data.use))
         data.spread = 1.0
+        data.expect, data.tails = data.expect / data.tails, 1.0
         data.rebuild({})
         found = structure
         for _ in range(2):
@@ -87,6 +94,7 @@ class Looker:
             residual = self._centred(data, data.residual(state))
             predicted = found.ceiling.predict(self.binned.codes[:, data.use], data.fold)
             self._set_noise(data, residual / data.scale - predicted)
+            _allow_for_tails(data, data.residual(state))
             _, tau = data.fit_scatter(data.residual(state))
             data.rebuild(tau)
             if data.spread < 1.5 and data.trust.min() == 1.0:
@@ -130,6 +138,22 @@ class Looker:
             # rows held back still scatter more than their weight says: a sum over many would pass for shared error
             excess = float(np.mean((data.trust * beyond) ** 2) / np.mean(data.trust))
             data.spread *= np.sqrt(max(excess, 1.0))
+
+
+def _allow_for_tails(data: ChannelData, residual: FloatArray) -> None:
+    """Let frames with heavy tails scatter less on average than the root of their variance, as few of them do.
+
+    A standard deviation of n frames has the mean σ(1 − Var(s²)/8σ⁴), and scatters by √(Var(s²)/4σ⁴): what exceeds the
+    Gaussian's scatter, `spread`, tells how much of a deficit may be the tails'.
+    """
+    if data.channel.role is not Role.SCATTER or data.spread <= TAIL_SPREAD:
+        return
+    weight = data.trust * (data.scale / data.stated) ** 2
+    off = float(np.sum(weight * residual / data.scale) / max(float(np.sum(weight)), 1e-300))
+    relative = float(np.median(data.stated / data.scale))
+    most = TAIL_DEFICIT * (data.spread**2 - 1.0) * relative**2
+    change = 1.0 + float(np.clip(off, -most, 0.0))
+    data.expect, data.tails = data.expect * change / data.tails, change
 
 
 def nothing(data: ChannelData) -> Structure:

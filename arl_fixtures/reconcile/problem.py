@@ -63,6 +63,7 @@ class ChannelData:
     dark: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     tau: dict[str, float] = field(default_factory=dict)
     free_constant: bool = True
+    tails: float = 1.0
     whitener: Whitener = field(init=False)
     intercept: FloatArray = field(init=False)
     intercept_weight: FloatArray = field(init=False)
@@ -329,7 +330,7 @@ def carry_gains(problem: Problem, state: State) -> None:
         spread = float(np.var(signal[good])) if good.any() else 0.0
         slope = float(np.cov(signal[good], scatter[good])[0, 1]) / spread if spread > 1e-6 else 0.0
         frames = np.maximum(np.nan_to_num(problem.view.frames()[d.use], nan=1.0), 1.0)
-        d.expect = shortfall(frames) * np.maximum(1.0 + by_row[d.use], 0.1) ** slope
+        d.expect = d.tails * shortfall(frames) * np.maximum(1.0 + by_row[d.use], 0.1) ** slope
 
 
 def stated_error(view: View, channel: Channel) -> tuple[FloatArray, bool]:

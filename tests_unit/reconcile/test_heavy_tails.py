@@ -1,0 +1,35 @@
+"""Frames with heavy tails: their standard deviations are too small on average, and that is nobody's missing physics."""
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.table import columns_of
+
+FRAMES = 10
+
+
+def tailed_table(make_table, seed, *, excess=1.0):
+    """Ten frames a row, of Student's t with 4 degrees of freedom; `excess` times the scatter that is declared."""
+    columns = make_table(seed, steps=12)
+    rng = np.random.default_rng(seed)
+    rows = len(columns["pixel_u"])
+    for name in ("intensity_counts", "distance_m"):
+        sigma = excess * columns[f"sim_{name}_std"][:, None]
+        frames = columns[f"sim_{name}"][:, None] + sigma * rng.standard_t(4, (rows, FRAMES)) / np.sqrt(2.0)
+        columns[name], columns[f"{name}_std"] = frames.mean(axis=1), frames.std(axis=1, ddof=1)
+        del columns[f"sim_{name}_repeat_std"]
+    return columns_of(pa.table(columns))
+
+
+@pytest.mark.parametrize("seed", [71, 72])
+def test_tails_alone_are_no_finding(make_table, seed):
+    assert diagnose(tailed_table(make_table, seed))[0].findings == []
+
+
+def test_more_scatter_than_declared_is_found_in_spite_of_tails(make_table):
+    findings = diagnose(tailed_table(make_table, 73, excess=1.3))[0].findings
+    assert findings
+    assert all(channel.endswith("_std") for f in findings for channel in f.channels)
+    assert all(f.effect in {"readout.noise_excess", "unknown"} for f in findings)
