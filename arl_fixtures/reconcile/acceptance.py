@@ -25,6 +25,8 @@ QUIET, QUIET_GAIN = 0.15, 3.0
 """Share of its mean square below which an effect hardly acts, and what a further one must gain there."""
 LEAST_SCATTER = 0.03
 """Relative excess of scatter below which rounding and the noise law's own accuracy explain it."""
+SIDE_SHARE = 0.5
+"""Share of a gain from which it lives on the side effects of others, and what it must be of what these gain there."""
 PATTERN_ODDS = 0.65
 """Share of the threshold that an effect must gain over free patterns of pixels and angles in its place."""
 
@@ -101,6 +103,8 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
     No operator is exact. What it leaves has its own drivers and channels, and is small against what it explains.
     """
     new = ranked.fit.terms[-1]
+    if _mends_side_effects(problem, base, ranked):
+        return True
     for index, term in enumerate(base.terms):
         if not set(term.variant.channels) & set(new.variant.channels):
             continue
@@ -113,6 +117,32 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
         if ranked.gain < least and not apart:
             return True
     return False
+
+
+def _mends_side_effects(problem: Problem, base: Fit, ranked: Ranked) -> bool:
+    """Whether a further effect lives on scatters that effects before it moved on the side.
+
+    How a noise follows a signal is read off the table: what that leaves there calls for no name of other channels,
+    nor for one that is small beside it.
+    """
+    untouched = problem.view.fresh_state()
+    gains: dict[bool, float] = {True: 0.0, False: 0.0}
+    moved, plain = 0.0, False
+    for d in problem.data:
+        name = d.channel.name
+        if ranked.fit.state[name] is base.state[name]:
+            continue
+        scatter = d.channel.role is Role.SCATTER
+        plain |= not scatter
+        before, after = (d.whiten(d.residual(state)) for state in (base.state, ranked.fit.state))
+        side = scatter and base.state[name] is not untouched[name]
+        gains[side] += 0.5 * float(before @ before - after @ after)
+        if side:
+            first = d.whiten(d.residual(untouched))
+            moved += 0.5 * float(first @ first - before @ before)
+    if gains[True] <= SIDE_SHARE * (gains[True] + max(gains[False], 0.0)):
+        return False
+    return plain or gains[True] < SIDE_SHARE * moved
 
 
 def _columns(term: Term) -> set[str]:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from arl_fixtures.reconcile.acceptance import MISFIT_SHARE, PRICE
+from arl_fixtures.reconcile.acceptance import LEAST_SCATTER, MISFIT_SHARE, PRICE
 from arl_fixtures.reconcile.dead import bring_back
 from arl_fixtures.reconcile.diagnosis import ChannelFit, Finding
 from arl_fixtures.reconcile.effect import Effect, State
@@ -253,8 +253,16 @@ class Decision:
                     self.search.failed[f"law of {name}"] = f"was not found: {error}"
                     continue
                 # trees beside a name only mend its shape, and so does what says the same in other words
-                if law is not None and (not acted or (law.terms and not says_the_same(acting, law.drivers))):
+                if law is None or (acted and (not law.terms or says_the_same(acting, law.drivers))):
+                    continue
+                if not (acted and d.channel.role is Role.SCATTER and self._is_side_effect(law, state)):
                     self.laws.append(law)
+
+    def _is_side_effect(self, law: Law, state: State) -> bool:
+        """Whether a law on a scatter that names move is within what a noise law read off a table is worth."""
+        values = state[law.channel]
+        add = law.correction(self.found.looker.features, values)
+        return float(np.nanquantile(np.abs(add) / np.maximum(np.abs(values), 1e-300), 0.95)) < 2.0 * LEAST_SCATTER
 
     def _find_scatters(self) -> None:
         """What groups share beyond what is declared: a finding, or an unknown where it follows a condition."""

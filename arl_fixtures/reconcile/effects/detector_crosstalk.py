@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_frame import ranged_by
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
 
+_NEIGHBOURS = {
+    "both": ((-1, 0), (1, 0), (0, -1), (0, 1)),
+    "rows": ((-1, 0), (1, 0)),
+    "columns": ((0, -1), (0, 1)),
+}
+
 
 class Crosstalk(Effect):
-    """I(u, v) += share·Σ(I_neighbour − I) over the neighbours along columns, rows or both that the table holds."""
+    """I(u, v) += share·Σ(I_neighbour − I) over the neighbours along columns, rows or both that the table holds.
+
+    What leaks is charge, or the pulse itself: then the distance is the mean of all that arrives by its light.
+    """
 
     id = "detector.crosstalk"
     stage = Stage.DETECTOR
@@ -21,33 +32,46 @@ class Crosstalk(Effect):
     confusable = ("optics.defocus", "optics.veiling_glare")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """One per intensity channel and direction of the leak."""
+        """One per intensity channel and direction of the leak, with the distance and without."""
         if not (view.varies("pixel_u") or view.varies("pixel_v")):
             return
         for channel in view.channels(Role.INTENSITY):
-            for direction in ("both", "rows", "columns"):
+            far = ranged_by(view, channel.name)
+            for direction, leaks in itertools.product(_NEIGHBOURS, ("charge", "pulse") if far else ("charge",)):
                 yield Variant(
                     effect=self.id,
-                    options={"channel": channel.name, "direction": direction},
+                    options={"channel": channel.name, "direction": direction, "leaks": leaks},
                     parameters=(Parameter(name="share", unit="1", low=0.0, high=0.2, null=0.0, typical=0.01),),
-                    channels=(channel.name,),
-                    drivers=("pixel_u", "pixel_v", channel.name),
+                    channels=(*(far if leaks == "pulse" else ()), channel.name),
+                    drivers=("pixel_u", "pixel_v"),
                 )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Neighbours outside the table give and take nothing."""
-        channel, direction = str(variant.options["channel"]), variant.options["direction"]
-        shifts = {"both": ((-1, 0), (1, 0), (0, -1), (0, 1)), "rows": ((-1, 0), (1, 0)), "columns": ((0, -1), (0, 1))}
+        channel, shifts = str(variant.options["channel"]), _NEIGHBOURS[str(variant.options["direction"])]
+        far = ranged_by(view, channel) if variant.options.get("leaks") == "pulse" else ()
         own = state[channel]
         leak = np.zeros(view.n)
-        for du, dv in shifts[str(direction)]:
-            leak = leak + np.nan_to_num(view.neighbour(state, channel, du=du, dv=dv) - own)
-        state[channel] = own + values["share"] * leak
+        moments = {distance: np.zeros(view.n) for distance in far}
+        for du, dv in shifts:
+            other = view.neighbour(state, channel, du=du, dv=dv)
+            leak = leak + np.nan_to_num(other - own)
+            for distance in far:
+                farther = view.neighbour(state, distance, du=du, dv=dv) - state[distance]
+                moments[distance] += np.nan_to_num(other * farther)
+        light = own + values["share"] * leak
+        for distance, moment in moments.items():
+            with np.errstate(invalid="ignore", divide="ignore"):
+                moved = values["share"] * moment / light
+            state[distance] = state[distance] + np.where(np.isfinite(moved) & (light > 0.0), moved, 0.0)
+        state[channel] = light
 
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel = variant.options["channel"]
-        return f"{channel} += share * sum({channel}[neighbours] - {channel})"
+        pulled = "; distance += share * sum(" if variant.options.get("leaks") == "pulse" else ""
+        pulled += f"{channel}[neighbours] * (distance[neighbours] - distance)) / {channel}" if pulled else ""
+        return f"{channel} += share * sum({channel}[neighbours] - {channel}){pulled}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """The share in percent."""

@@ -1,0 +1,84 @@
+"""What steps differ by: whether names act there at all, and what they leave that follows a recorded condition."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.followed import condition_of
+from arl_fixtures.reconcile.problem import ChannelData, Problem
+from arl_fixtures.reconcile.terms import Term, forward
+
+WITHIN_STEPS = 0.1
+"""Share of a change, between steps, below which it acts within steps and tells nothing of what steps differ by."""
+
+
+def left_in_steps(problem: Problem, d: ChannelData, terms: Sequence[Term], least: float) -> float:
+    """Share of what steps differ by that they still differ by, at least `least`; 0 where it follows no condition.
+
+    Args:
+        problem: the table.
+        d: a channel with a mismatch.
+        terms: the names.
+        least: smallest share of interest.
+    """
+    name = d.channel.name
+    level = next((level for level in d.levels if level.name == "step"), None)
+    state, untouched = forward(terms, problem.view), problem.view.fresh_state()
+    if level is None or state[name] is untouched[name]:
+        return 0.0
+    taus = [d.fit_scatter(d.residual(s))[1]["step"] for s in (untouched, state)]
+    size = float(np.median(level.scale))
+    before, after = (size**2 * max(tau**2 - level.floor**2, 0.0) for tau in taus)
+    moved = d.expect * (state[name] - untouched[name])[d.use]
+    share = after / max(before, float(np.mean(moved**2)), 1e-300)
+    return share if share > least and condition_of(problem, d, "step", state) else 0.0
+
+
+def acts_within_steps(problem: Problem, d: ChannelData, terms: Sequence[Term]) -> bool:
+    """Whether names change a channel within steps only: what steps differ by is then another matter."""
+    moved = forward(terms, problem.view)[d.channel.name] - problem.view.sim[d.channel.name]
+    return share_between(d, moved) < WITHIN_STEPS
+
+
+def share_between(d: ChannelData, change: FloatArray) -> float:
+    """Share of a change's mean square, beside the units' constants, that its steps' means hold.
+
+    Not a number without steps or change.
+
+    Args:
+        d: a channel.
+        change: of its corrected simulation, on the problem's rows.
+    """
+    level = next((level for level in d.levels if level.name == "step"), None)
+    moved = change[d.use] / d.scale
+    if d.calibrated:
+        moved = moved - (np.bincount(d.unit, moved) / np.maximum(np.bincount(d.unit), 1))[d.unit]
+    total = float(np.mean(moved**2))
+    if level is None or total <= 0.0:
+        return float("nan")
+    count = np.bincount(level.code, minlength=level.count)
+    means = np.bincount(level.code, moved, minlength=level.count) / np.maximum(count, 1)
+    return float(np.average(means**2, weights=count)) / total
+
+
+def act_apart(problem: Problem, before: State, after: State, other: State) -> bool:
+    """Whether of two changes one tells steps apart only, and the other acts within steps only, in each channel.
+
+    Args:
+        problem: the table.
+        before: corrected simulation; after: with one change; other: with the other.
+    """
+    both = False
+    for d in problem.data:
+        name = d.channel.name
+        if after[name] is before[name] or other[name] is before[name]:
+            continue
+        low, high = sorted(share_between(d, state[name] - before[name]) for state in (after, other))
+        if not (low < WITHIN_STEPS and high > 1.0 - WITHIN_STEPS):
+            return False
+        both = True
+    return both
