@@ -97,7 +97,8 @@ def main() -> int:
         ):
             started = time.process_time()
             if fresh:
-                caches = {dut.serial: GeometryCache(dut, store=None if rendered else store) for dut in DUTS}
+                kept = None if label == FROM_NOTHING else store
+                caches = {dut.serial: GeometryCache(dut, store=kept) for dut in DUTS}
             if rendered:
                 for cache in caches.values():
                     expect(cache.at(np.array(ANGLES_DEG)))
