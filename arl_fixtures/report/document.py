@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
 from arl_fixtures.metrics.verdict import Verdict, worst
 from arl_fixtures.report import figures, over_cycles, sections
-from arl_fixtures.report.blocks import Block, Cell, Picture, Report, Section, Signatures, Table, Text, verdict_cell
+from arl_fixtures.report.blocks import (
+    Block,
+    Cell,
+    Facts,
+    Picture,
+    Report,
+    Section,
+    Signatures,
+    Table,
+    Text,
+    verdict_cell,
+)
 from arl_fixtures.report.cycles import Cycle
 from arl_fixtures.report.events import events
 from arl_fixtures.report.foretelling import foretelling
@@ -61,16 +73,17 @@ def make_report(
         over_cycles.lifetime(cycles, lifetime),
         foretelling(cycles, pictures),
         *(events(record) for record in {cycle.record.path: cycle.record for cycle in cycles}.values()),
-        Section(title="Signatures", blocks=(Signatures(roles=ROLES),)),
     ]
     verdict = worst(cycle.verdict for cycle in cycles)
     deciding = next(cycle for cycle in cycles if cycle.verdict is verdict)
     serials = ", ".join(shown(dut.serial) for dut in newest.record.identity.duts)
     numbers = f"cycle {newest.number}" if len(cycles) == 1 else f"cycles {cycles[0].number} to {newest.number}"
     said = deciding.decided_by
+    subtitle = f"{serials} – {shown(newest.record.begin.campaign)}, {numbers}"
+    body.append(_signatures(cycles, subtitle, verdict_cell(verdict.value)))
     return Report(
         title=TITLE,
-        subtitle=f"{serials} – {shown(newest.record.begin.campaign)}, {numbers}",
+        subtitle=subtitle,
         verdict=verdict_cell(verdict.value),
         decided_by=f"cycle {deciding.number}, {said}" if said and len(cycles) > 1 else said,
         banner=_banner(cycles),
@@ -78,6 +91,18 @@ def make_report(
         footer=f"{shown(newest.record.begin.campaign)}, {numbers}, until {utc_text(newest.end_utc_ns)}",
         pictures=pictures,
     )
+
+
+def _signatures(cycles: Sequence[Cycle], subtitle: str, verdict: Cell) -> Section:
+    """Who signs, and what: the page may part from the others."""
+    journals = dict.fromkeys(cycle.record.path for cycle in cycles)
+    hashes = ((shown(path.name), hashlib.sha256(path.read_bytes()).hexdigest()) for path in journals)
+    rows = (
+        ("Signed for", Cell(subtitle)),
+        ("Verdict", verdict),
+        *(("Journal", Cell(f"{name}, SHA-256 {digest}")) for name, digest in hashes),
+    )
+    return Section(title="Signatures", blocks=(Facts(rows=rows), Signatures(roles=ROLES)))
 
 
 def _shortfalls(cycles: Sequence[Cycle]) -> list[Section]:

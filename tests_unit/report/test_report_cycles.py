@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from datetime import date
 
 import numpy as np
@@ -11,7 +12,7 @@ from report_samples import HOSTILE, NO_MAPS, drifting, journal, limit, one_step,
 from arl_fixtures.errors import DataError
 from arl_fixtures.journal import entries as said
 from arl_fixtures.metrics.verdict import Verdict
-from arl_fixtures.report.blocks import Section, Table, Text
+from arl_fixtures.report.blocks import Facts, Section, Table, Text
 from arl_fixtures.report.cycles import load_cycles
 from arl_fixtures.report.document import make_report
 from arl_fixtures.report.over_cycles import stress_of
@@ -47,6 +48,15 @@ def test_a_cycle_has_the_verdict_of_its_worst_step_and_says_what_decided(tmp_pat
     assert report.verdict.text == verdict.replace("_", " ")
     assert ("because of this" in report.decided_by) == (verdict != "PASS")
     assert (STEP in report.decided_by) == (verdict != "PASS")
+
+
+def test_what_is_signed_stands_with_the_signatures(tmp_path):
+    path = one_step(tmp_path, 1.7, "FAIL")
+    signed = next(block for block in section(report_of(path), "Signatures").blocks if isinstance(block, Facts))
+    said = {title: cell.text for title, cell in signed.rows}
+    assert said["Verdict"] == "FAIL"
+    assert said["Signed for"].startswith("SN-1")
+    assert hashlib.sha256(path.read_bytes()).hexdigest() in said["Journal"]
 
 
 def test_what_failed_in_an_earlier_cycle_is_told_in_the_report_of_a_later_one(tmp_path):
