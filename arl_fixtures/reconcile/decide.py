@@ -57,7 +57,7 @@ LEFT_SHARE = 0.25
 """Largest share of a channel's mismatch that may stay predictable under a name."""
 UNKNOWN_SHARE = 0.08
 """Share above which what is left is reported as a finding of its own."""
-SCATTER_SHARE = 0.15
+SCATTER_SHARE = 0.4
 """Share of what names do to the groups of a channel below which what is left between these is their own error."""
 CONSTANT_Z = 8.0
 """A unit's constant gain or offset this many standard errors from none is a mismatch if nothing else explains it."""

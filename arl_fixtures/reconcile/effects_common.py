@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from arl_fixtures.reconcile.effect import Effect, Parameter, State, Values, Variant
+from arl_fixtures.reconcile.pixel_calibration import is_calibrated_by_pixel
 from arl_fixtures.reconcile.roles import Role, suffix, unit_of
 from arl_fixtures.reconcile.view import View
 
@@ -112,11 +113,14 @@ def age_drivers(view: View) -> tuple[str, ...]:
 def reference(view: View, column: str) -> float:
     """Value of a driver at which its effect is nil.
 
-    25 °C where the table's temperatures hold it; the start for a column that counts age; else the median.
+    25 °C where the table's temperatures hold it; the start for a column that counts age; else the median. The mean
+    where the simulation was calibrated pixel by pixel on this recording: there each pixel agrees on average.
 
     To be kept in a variant's options: the model must predict tables whose statistics differ.
     """
     low, high = view.span(column)
+    if is_calibrated_by_pixel(view.columns):
+        return rounded(float(np.nanmean(view.columns.numbers[column])))
     if column == "time_s" or column in _CALENDAR or suffix(column) == "h":
         return float(low)
     return _ROOM_C if unit_of(column) == "°C" and low <= _ROOM_C <= high else rounded(view.middle(column))
@@ -144,15 +148,21 @@ def excess(view: View, variant: Variant, column: str) -> FloatArray:
 
 
 def aged(view: View, variant: Variant, column: str) -> FloatArray:
-    """Age: 0 at the options' `first`, 1 at their `last`; not negative."""
+    """Age: 0 at the options' `first`, 1 at their `last`, not negative; less that at `calibrated`, where given."""
     first, last = float(variant.options["first"]), float(variant.options["last"])
-    return np.maximum(above(view, column, first) / (last - first), 0.0)
+    age = np.maximum(above(view, column, first) / (last - first), 0.0)
+    if "calibrated" in variant.options:
+        age = age - (float(variant.options["calibrated"]) - first) / (last - first)
+    return age
 
 
-def age_options(view: View, column: str) -> dict[str, float]:
-    """Options that `aged` needs."""
+def age_options(view: View, column: str, *, by_pixel: bool = False) -> dict[str, float]:
+    """Options that `aged` needs; with `by_pixel` counted from where a calibration of pixels made it nil."""
     low, high = view.span(column)
-    return {"first": float(low), "last": float(high)}
+    options = {"first": float(low), "last": float(high)}
+    if by_pixel and is_calibrated_by_pixel(view.columns):
+        options["calibrated"] = rounded(float(np.nanmean(view.columns.numbers[column])))
+    return options
 
 
 def unit_per(column: str, unit: str = "1") -> str:

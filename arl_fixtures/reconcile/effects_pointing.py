@@ -6,10 +6,10 @@ import numpy as np
 
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.effects_common import FloatArray, distances, light_channels, per_view, set_light, signals
-from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illumination, log_profile, ray_column
+from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illumination, log_profile
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.effects_render import rendered
-from arl_fixtures.reconcile.effects_scene import Scene, curves_over_bearing, scene
+from arl_fixtures.reconcile.effects_scene import Scene, curves_over_bearing, pixel_width, scene
 from arl_fixtures.reconcile.effects_sweep import along_sweep
 from arl_fixtures.reconcile.view import IntArray, View
 
@@ -63,7 +63,7 @@ def footprint_share(view: View, belongs: FloatArray) -> FloatArray | None:
         return None
     grid = curves_over_bearing(found.line, found.bearing / found.step_deg, belongs, int(found.line.max()) + 1)
     total = np.concatenate([np.zeros((grid.shape[0], 1)), np.cumsum(grid, axis=1)], axis=1)
-    half = 0.5 * _pixel_width(view)[view.rows] / found.step_deg
+    half = 0.5 * pixel_width(view)[view.rows] / found.step_deg
     place, line = found.bearing[view.rows] / found.step_deg + 0.5, found.line[view.rows] * total.shape[1]
 
     def up_to(end: FloatArray) -> FloatArray:
@@ -74,16 +74,6 @@ def footprint_share(view: View, belongs: FloatArray) -> FloatArray | None:
 
     share = (up_to(place + half) - up_to(place - half)) / np.maximum(2.0 * half, 1e-9)
     return np.asarray(np.clip(share, 0.0, 1.0))
-
-
-def _pixel_width(view: View) -> FloatArray:
-    """Azimuth from one pixel column to the next, for every row of the whole table; degrees."""
-    table = view.columns
-    column = np.nan_to_num(table.numbers["pixel_u"])
-    known, index, count = np.unique(column, return_inverse=True, return_counts=True)
-    mean = np.bincount(index, ray_column(view, "azimuth_deg")) / count
-    slope = np.gradient(mean, known) if known.size > 1 else np.ones(1)
-    return np.asarray(np.abs(slope)[index])
 
 
 def _here(found: Scene, view: View) -> dict[str, FloatArray]:

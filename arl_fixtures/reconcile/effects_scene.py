@@ -25,7 +25,7 @@ IntArray = NDArray[np.int64]
 _FINEST_DEG = 0.05
 _CELLS = 4_000_000
 _BLOCKS = (4, 6, 8, 12, 16, 24, 32, 48, 64)
-_CLOSE_DEG = 0.1
+_CLOSE_DEG, _CLOSE_SHARE, _ROW_SHARE = 0.1, 0.1, 0.8  # shares of a pixel's width, over which it averages what it sees
 _NEAR = 9
 _ROUGH = 0.01
 _WORSE = 0.25  # between two angles a cubic errs by less than a quarter of the bend
@@ -158,21 +158,34 @@ def _lines(view: View, bearing: FloatArray) -> IntArray:
     """
     table = view.columns
     row, device = table.group("dut", "pixel_v"), table.group("dut")
+    close, whole = _CLOSE_DEG, 2.5 * _CLOSE_DEG
     if "pixel_u" in table.numbers:
+        pixel = float(np.median(pixel_width(view)))
+        close, whole = max(close, _CLOSE_SHARE * pixel), max(whole, _ROW_SHARE * pixel)
         column = np.nan_to_num(table.numbers["pixel_u"] - np.nanmin(table.numbers["pixel_u"]))
         for width in _BLOCKS:
             if width < float(column.max()):
                 line = _combined(row, column // width)
-                if _gap(line, bearing) < _CLOSE_DEG:
+                if _gap(line, bearing) < close:
                     return line
-    if _gap(row, bearing) < 2.5 * _CLOSE_DEG or "pixel_v" not in table.numbers:
+    if _gap(row, bearing) < whole or "pixel_v" not in table.numbers:
         return row
     height = np.nan_to_num(table.numbers["pixel_v"] - np.nanmin(table.numbers["pixel_v"]))
     for width in (4, 8):
         line = _combined(device, height // width)
-        if _gap(line, bearing) < 2.5 * _CLOSE_DEG:
+        if _gap(line, bearing) < 2.5 * close:
             return line
     return device
+
+
+def pixel_width(view: View) -> FloatArray:
+    """Azimuth from one pixel column to the next, for every row of the whole table; degrees."""
+    table = view.columns
+    column = np.nan_to_num(table.numbers["pixel_u"])
+    known, index, count = np.unique(column, return_inverse=True, return_counts=True)
+    mean = np.bincount(index, ray_column(view, "azimuth_deg")) / count
+    slope = np.gradient(mean, known) if known.size > 1 else np.ones(1)
+    return np.asarray(np.abs(slope)[index])
 
 
 def _combined(group: IntArray, part: FloatArray) -> IntArray:

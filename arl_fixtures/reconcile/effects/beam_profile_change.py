@@ -122,7 +122,7 @@ def _scale(view: View, driver: str) -> dict[str, float]:
     if not driver:
         return {}
     if driver in age_drivers(view):
-        return age_options(view, driver)
+        return age_options(view, driver, by_pixel=True)
     return {"reference": reference(view, driver), "range": span(view, driver)}
 
 

@@ -28,8 +28,8 @@ from arl_fixtures.reconcile.view import View
 class ColumnPattern(Effect):
     """X += offset·w and, for signals, X *= 1 + gain·w; w a wave over columns or rows, with a cosine and a sine part.
 
-    Period 2 is odd against even (one part only). Of four interleaved converters each has an offset (or gain) of its
-    own against the first: X += tap_k, or X *= 1 + tap_k, at pixels k modulo 4.
+    Period 2 is odd against even (one part only). Of four or eight interleaved converters each has an offset (or gain)
+    of its own against the first: X += tap_k, or X *= 1 + tap_k, at pixels k modulo their number.
     """
 
     id = "readout.column_pattern"
@@ -49,8 +49,9 @@ class ColumnPattern(Effect):
                     yield self._variant(view, channel, axis, "parity", column)
                 if span(view, axis) >= 7.0:
                     yield self._variant(view, channel, axis, "periodic", "")
-                    for kind in ("taps", "gains") if channel in signals(view) else ("taps",):
-                        yield self._taps(view, channel, axis, kind)
+                    for count in (n for n in _CONVERTERS if span(view, axis) >= 2 * n - 1):
+                        for kind in ("taps", "gains") if channel in signals(view) else ("taps",):
+                            yield self._taps(view, channel, axis, kind, count)
 
     def _variant(self, view: View, channel: str, axis: str, kind: str, column: str) -> Variant:
         unit = unit_of(channel)
@@ -85,16 +86,21 @@ class ColumnPattern(Effect):
             drivers=(axis, *((column,) if column else ())),
         )
 
-    def _taps(self, view: View, channel: str, axis: str, kind: str) -> Variant:
+    def _taps(self, view: View, channel: str, axis: str, kind: str, count: int) -> Variant:
         unit = unit_of(channel)
         size = (0.01 * top_signal(view, channel)) if channel in signals(view) else (2.0 if unit == "mm" else 0.002)
         unit, size = (unit, size) if kind == "taps" else ("1", 0.01)
         return Variant(
             effect=self.id,
-            options={"channel": channel, "axis": axis, "kind": kind, "temperature": "", "reference": 0.0},
-            parameters=tuple(
-                amplitude(f"tap_{k}", unit, -50.0 * size, 50.0 * size, size) for k in range(1, _CONVERTERS)
-            ),
+            options={
+                "channel": channel,
+                "axis": axis,
+                "kind": kind,
+                "converters": count,
+                "temperature": "",
+                "reference": 0.0,
+            },
+            parameters=tuple(amplitude(f"tap_{k}", unit, -50.0 * size, 50.0 * size, size) for k in range(1, count)),
             channels=with_scatter(view, channel) if kind == "gains" else (channel,),
             drivers=(axis,),
         )
@@ -104,8 +110,8 @@ class ColumnPattern(Effect):
         channel, column = str(variant.options["channel"]), str(variant.options["temperature"])
         place = np.nan_to_num(view.number(str(variant.options["axis"])))
         if variant.options["kind"] in {"taps", "gains"}:
-            taps = np.array([0.0, *(float(values[f"tap_{k}"]) for k in range(1, _CONVERTERS))])
-            own = taps[np.rint(place).astype(np.int64) % _CONVERTERS]
+            taps = np.array(_taps_of(values))
+            own = taps[np.rint(place).astype(np.int64) % taps.size]
             if variant.options["kind"] == "taps":
                 state[channel] = state[channel] + own
             else:
@@ -133,7 +139,7 @@ class ColumnPattern(Effect):
         names = [parameter.name for parameter in variant.parameters]
         if variant.options["kind"] in {"taps", "gains"}:
             law = f"{channel} +=" if variant.options["kind"] == "taps" else f"{channel} *= 1 +"
-            return f"{law} tap_k, k = {axis} modulo {_CONVERTERS}, tap_0 = 0"
+            return f"{law} tap_k, k = {axis} modulo {len(names) + 1}, tap_0 = 0"
         waves = {"cosine": f"cos(2 pi {axis} / period)", "sine": f"sin(2 pi {axis} / period)"}
         if variant.options["kind"] == "parity":
             waves = {"cosine": f"(-1)^{axis}"}
@@ -147,13 +153,13 @@ class ColumnPattern(Effect):
         """Amplitude and period."""
         channel, column = str(variant.options["channel"]), str(variant.options["temperature"])
         if variant.options["kind"] in {"taps", "gains"}:
-            taps = [0.0, *(float(values[f"tap_{k}"]) for k in range(1, _CONVERTERS))]
+            taps = _taps_of(values)
             apart = max(taps) - min(taps)
             size_of = (
                 f"{apart:.3g} {unit_of(channel)}" if variant.options["kind"] == "taps" else f"{100 * apart:.2f} %"
             )
             side = "Columns" if variant.options["axis"] == "pixel_u" else "Rows"
-            return f"{side} read by {_CONVERTERS} converters in turn differ: {channel} by up to {size_of}."
+            return f"{side} read by {len(taps)} converters in turn differ: {channel} by up to {size_of}."
         scale = span(view, column) if column else 1.0
         size = float(np.hypot(values["cosine"], values.get("sine", 0.0))) * scale
         gain = float(np.hypot(values.get("gain_cosine", 0.0), values.get("gain_sine", 0.0))) * scale
@@ -171,4 +177,9 @@ class ColumnPattern(Effect):
 
 
 _SHORTEST, _MOST_STARTS = 2.1, 80
-_CONVERTERS = 4
+_CONVERTERS = (4, 8)
+
+
+def _taps_of(values: Values) -> list[float]:
+    """What each converter adds, the first nothing."""
+    return [0.0, *(float(values[name]) for name in sorted(values) if name.startswith("tap_"))]
