@@ -102,9 +102,14 @@ def temperature_drivers(view: View, *first: str, limit: int = 3, never: tuple[st
     return tuple((near or list(names))[:limit])
 
 
+def counts_age(column: str) -> bool:
+    """Whether a column counts cycles, operating hours or shots."""
+    return column in _CALENDAR or suffix(column) == "h" or column.endswith(("_hours", "_shots", "_cycles"))
+
+
 def age_drivers(view: View) -> tuple[str, ...]:
     """Columns that count a device's age: cycles, operating hours, shots, else the time in the record."""
-    found = [n for n in view.covariates() if n in _CALENDAR or (suffix(n) == "h" and n not in _CALENDAR)]
+    found = [n for n in view.covariates() if counts_age(n)]
     if view.varies("time_s"):
         found.append("time_s")
     return tuple(found[:3])
@@ -121,7 +126,7 @@ def reference(view: View, column: str) -> float:
     low, high = view.span(column)
     if is_calibrated_by_pixel(view.columns):
         return rounded(float(np.nanmean(view.columns.numbers[column])))
-    if column == "time_s" or column in _CALENDAR or suffix(column) == "h":
+    if column == "time_s" or counts_age(column):
         return float(low)
     return _ROOM_C if unit_of(column) == "°C" and low <= _ROOM_C <= high else rounded(view.middle(column))
 

@@ -149,8 +149,9 @@ def pattern_finding(decision: Decision, pattern: Pattern) -> Finding:
     )  # fmt: skip
     name, levels = next(iter((term.fields or {}).items()))
     parameter = next(p for p in term.variant.parameters if p.name == name)
-    count = len(levels)
     sparse = parameter.low >= (parameter.null or 0.0)
+    pixels = [k for k, column in enumerate(parameter.per) if column != "cycle"]
+    count = len({tuple(key[k] for k in pixels) for key in levels}) if sparse else len(levels)
     size = float(count) if sparse else pattern.size
     spread = 0.0 if sparse else 1.96 * pattern.size / np.sqrt(2.0 * max(count - 1, 1))
     shown = ParameterValue(
@@ -158,6 +159,7 @@ def pattern_finding(decision: Decision, pattern: Pattern) -> Finding:
         low=size - spread, high=size + spread,
     )  # fmt: skip
     where: dict[str, list[str] | list[float]] = dict(term.variant.where)
+    values = term.values_on(view) if sparse else {**term.values, name: size}
     if sparse:
         for axis in ("pixel_u", "pixel_v"):
             if axis in parameter.per:
@@ -166,7 +168,7 @@ def pattern_finding(decision: Decision, pattern: Pattern) -> Finding:
     return Finding(
         effect=term.effect.id, channels=channels, where=where, drivers=list(term.variant.drivers),
         expression=term.effect.expression(term.variant), source=term.effect.source, parameters=[shown],
-        statement=statement(term.effect.sentence(term.variant, {**term.values, name: size}, view), where, []),
+        statement=statement(term.effect.sentence(term.variant, values, view), where, []),
         held_out=held, strength=pattern.gain, term=term, next_experiment=term.effect.next_experiment(term.variant),
     )  # fmt: skip
 

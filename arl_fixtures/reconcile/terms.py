@@ -45,13 +45,18 @@ class Term:
         """The same term with other values."""
         return replace(self, values=dict(values))
 
-    def apply(self, state: State, view: View) -> State:
-        """New state after this term; arrays that the term does not touch are shared."""
-        after = dict(state)
+    def values_on(self, view: View) -> dict[str, float | FloatArray]:
+        """All values, those of a field on every row."""
         values: dict[str, float | FloatArray] = dict(self.values)
         for name, levels in (self.fields or {}).items():
             parameter = next(p for p in self.variant.parameters if p.name == name)
             values[name] = field_on_rows(levels, parameter, view)
+        return values
+
+    def apply(self, state: State, view: View) -> State:
+        """New state after this term; arrays that the term does not touch are shared."""
+        after = dict(state)
+        values = self.values_on(view)
         with np.errstate(all="ignore"):
             self.effect.apply(self.variant, values, after, view)
         inside = view.selects(self.unit_column, self.unit) if self.unit else None
@@ -126,8 +131,22 @@ def field_keys(per: tuple[str, ...], view: View) -> tuple[IntArray, list[tuple[s
 
 
 def field_on_rows(levels: dict[tuple[str, ...], float], parameter: Parameter, view: View) -> FloatArray:
-    """A field's values on the rows of a view; null where the level is not known."""
+    """A field's values on the rows of a view; null where the level is not known.
+
+    What a pixel has come to in one cycle it keeps in the next ones.
+    """
     inverse, keys = field_keys(parameter.per, view)
     null = parameter.null if parameter.null is not None else 0.0
-    by_level = np.array([levels.get(key, null) for key in keys], dtype=np.float64)
+    since: dict[tuple[str, ...], list[tuple[float, float]]] = {}
+    if parameter.per[:1] == ("cycle",):
+        for key, value in levels.items():
+            since.setdefault(key[1:], []).append((float(key[0] or "nan"), value))
+
+    def value_of(key: tuple[str, ...]) -> float:
+        if key in levels or key[1:] not in since:
+            return levels.get(key, null)
+        earlier = [(cycle, value) for cycle, value in since[key[1:]] if cycle < float(key[0] or "nan")]
+        return max(earlier)[1] if earlier else null
+
+    by_level = np.array([value_of(key) for key in keys], dtype=np.float64)
     return np.asarray(by_level[inverse])

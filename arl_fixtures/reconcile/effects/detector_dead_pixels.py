@@ -13,7 +13,10 @@ from arl_fixtures.reconcile.view import View
 
 
 class DeadPixels(Effect):
-    """valid_fraction *= 1 − dead (or, where it is no channel, I *= 1 − dead), `dead` from 0 to 1 for every pixel."""
+    """valid_fraction *= 1 − dead (or, where it is no channel, I *= 1 − dead), `dead` from 0 to 1 for every pixel.
+
+    A pixel that never answers gives no signal either.
+    """
 
     id = "detector.dead_pixels"
     stage = Stage.READOUT
@@ -26,17 +29,18 @@ class DeadPixels(Effect):
         pixels = tuple(name for name in ("pixel_u", "pixel_v") if view.varies(name))
         if not pixels:
             return
-        fractions = tuple(channel.name for channel in view.channels(Role.FRACTION)) or signals(view)[:1]
+        given = tuple(channel.name for channel in view.channels(Role.FRACTION))
+        lit = signals(view)[:1]
         where = (*(("dut",) if view.labels("dut") else ()), *pixels)
         for levels in (where, ("cycle", *where)) if view.varies("cycle") else (where,):
-            for channel in fractions:
+            for channel in given or lit:
                 yield Variant(
                     effect=self.id,
                     options={"channel": channel, "since": "cycle" if levels != where else "always"},
                     parameters=(
                         Parameter(name="dead", unit="1", low=0.0, high=1.0, null=0.0, typical=1.0, per=levels),
                     ),
-                    channels=(channel,),
+                    channels=tuple(dict.fromkeys((channel, *lit))),
                     drivers=(*pixels, *(("cycle",) if levels != where else ())),
                 )
 
@@ -45,6 +49,9 @@ class DeadPixels(Effect):
         alive = 1.0 - np.clip(np.nan_to_num(np.asarray(values["dead"], dtype=np.float64)), 0.0, 1.0)
         channel = str(variant.options["channel"])
         state[channel] = state[channel] * alive
+        for lit in signals(view)[:1]:
+            if lit != channel and np.any(alive < _SILENT):
+                state[lit] = np.where(alive < _SILENT, 0.0, state[lit])
 
     def expression(self, variant: Variant) -> str:
         """The law."""
@@ -60,3 +67,7 @@ class DeadPixels(Effect):
     def next_experiment(self, variant: Variant) -> str:
         """What confirms it."""
         return "Repeat one step at room temperature: a broken pixel stays dead, a pixel below threshold comes back."
+
+
+_SILENT = 0.05
+"""Share of frames with an answer below which a pixel's signal is none."""
