@@ -36,10 +36,15 @@ def suffix(name: str) -> str:
 
     >>> suffix("intensity_counts_std"), suffix("reflectance"), suffix("rail_1v8_v"), suffix("pixel_v")
     ('counts', '', 'v', '')
+    >>> suffix("run_h"), suffix("rain_mm_h")
+    ('h', '')
     """
     bare = re.sub(r"(_repeat)?_std$", "", name)
-    last = bare.rsplit("_", 1)[-1] if "_" in bare and bare not in _NO_UNIT else ""
-    return last if last in UNIT_SUFFIXES else ""
+    words = bare.split("_")
+    if len(words) < 2 or bare in _NO_UNIT or words[-1] not in UNIT_SUFFIXES:
+        return ""
+    is_rate = words[-1] in {"s", "min", "h"} and words[-2] in UNIT_SUFFIXES  # rain_mm_h, air_flow_m_s
+    return "" if is_rate else words[-1]
 
 
 def unit_of(name: str) -> str:

@@ -1,0 +1,56 @@
+"""A user who calibrates each pixel on the aged recording hides the mean of what ages: the change must keep its name."""
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from arl_fixtures.reconcile.pixel_calibration import calibrated_by_pixel
+from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.table import columns_of
+
+CYCLES, ANGLES, COLUMNS, ROWS = 6, 4, 14, 6
+
+
+def aged_table(seed, *, narrowing, by_pixel):
+    """A wall seen by a flash sensor whose Gaussian beam of 40° by 12° narrows with every cycle."""
+    rng = np.random.default_rng(seed)
+    cycle, angle, u, v = (
+        a.ravel().astype(float)
+        for a in np.meshgrid(*(np.arange(n) for n in (CYCLES, ANGLES, COLUMNS, ROWS)), indexing="ij")
+    )
+    azimuth, elevation = (u - 6.5) * 5.0, (v - 2.5) * 3.5
+
+    def light(width):
+        return np.exp(-((azimuth / (40.0 * width)) ** 2) - (elevation / (12.0 * width)) ** 2)
+
+    reflectance = np.array([0.1, 0.35, 0.6, 0.8])[((u + 3 * angle) % 4).astype(int)]
+    simulated = 3000.0 * reflectance * light(1.0)
+    sigma = np.hypot(8.0, 0.02 * simulated)
+    frames = 10.0
+    measured = simulated * light(1.0 - narrowing * cycle) / light(1.0) + sigma / np.sqrt(frames) * rng.normal(
+        size=cycle.size
+    )
+    if by_pixel:
+        pixel = (u * ROWS + v).astype(int)
+        weight = (simulated / sigma) ** 2
+        gain = np.bincount(pixel, weight * measured / simulated) / np.bincount(pixel, weight)
+        simulated, sigma = simulated * gain[pixel], sigma * gain[pixel]
+    return columns_of(pa.table({
+        "cycle": cycle + 1.0, "step": cycle, "stage_angle_deg": 7.0 * angle, "pixel_u": u, "pixel_v": v,
+        "azimuth_deg": azimuth, "elevation_deg": elevation, "n_frames": np.full(cycle.size, frames),
+        "surface": np.array(["a", "b", "c", "d"])[((u + 3 * angle) % 4).astype(int)],
+        "intensity_counts": measured, "sim_intensity_counts": simulated, "sim_intensity_counts_std": sigma,
+        "sim_intensity_counts_repeat_std": 1e-3 * simulated,
+    }))  # fmt: skip
+
+
+@pytest.mark.parametrize("by_pixel", [True, False])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_calibration_of_pixels_is_told_from_a_good_simulation(by_pixel, seed):
+    assert calibrated_by_pixel(aged_table(seed, narrowing=0.0, by_pixel=by_pixel), "intensity_counts") == by_pixel
+
+
+def test_a_beam_that_narrows_is_named_alone_after_pixels_were_calibrated_on_it():
+    findings = diagnose(aged_table(3, narrowing=0.006, by_pixel=True))[0].findings
+    assert [f.effect for f in findings] == ["beam.profile_change"]
+    assert findings[0].drivers[0] == "cycle"
