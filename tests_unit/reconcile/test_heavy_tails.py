@@ -1,4 +1,4 @@
-"""Frames with heavy tails: their standard deviations are too small on average, and that is nobody's missing physics."""
+"""Frames with heavy tails: their standard deviations are too small on average, which is nobody's missing physics."""
 
 import numpy as np
 import pyarrow as pa

@@ -1,4 +1,4 @@
-"""A user who calibrates each pixel on the aged recording hides the mean of what ages: the change must keep its name."""
+"""Pixels calibrated on the aged recording hide the mean of what ages: the change must keep its name."""
 
 import numpy as np
 import pyarrow as pa
