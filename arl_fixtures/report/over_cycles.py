@@ -85,8 +85,9 @@ def _table(moving: Sequence[Series]) -> Table:
     return Table(
         header=("DUT", "Metric", "At", "Law", "Per cycle now", "Limit", "Cycle at the limit (95\u00a0%)", "q"),
         rows=tuple(_trend_row(each) for each in moving),
-        weights=(1.5, 3.3, 0.8, 1.3, 1.4, 1.3, 1.9, 0.8),
-        note="q: false discovery rate at which the trend is just reported. Cycles are counted from cycle 0.",
+        weights=(1.45, 3.1, 0.75, 1.45, 1.35, 1.4, 2.0, 0.8),
+        note="A power law is given with its exponent; a value that moves away from its limit will not stand at it. "
+        "q: false discovery rate at which the trend is just reported. Cycles are counted from cycle 0.",
     )
 
 
@@ -94,7 +95,7 @@ def _trend_row(each: Series) -> tuple[Cell, ...]:
     fit = each.trend
     assert fit is not None
     newest = float(max(each.points))
-    law = "straight line" if fit.law is Law.LINEAR else f"power law, exponent {fit.exponent:.2f}"
+    law = "straight line" if fit.law is Law.LINEAR else f"power law {fit.exponent:.2f}"
     per_cycle = fit.value(newest + 1.0) - fit.value(newest)
     return (
         Cell(shown(each.dut)),
@@ -112,7 +113,7 @@ def crossing_cell(each: Series) -> Cell:
     """When a value will stand at its limit, in words."""
     found = each.crossing
     if found is None:
-        return Cell("moves away from its limit")
+        return Cell("moves away")
     newest = float(max(each.points))
     if found.expected <= newest:
         return Cell("at its limit now", "fail")
