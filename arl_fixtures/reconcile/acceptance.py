@@ -127,7 +127,7 @@ def _mends_side_effects(problem: Problem, base: Fit, ranked: Ranked) -> bool:
     """
     untouched = problem.view.fresh_state()
     gains: dict[bool, float] = {True: 0.0, False: 0.0}
-    moved, plain = 0.0, False
+    moved, plain, largest = 0.0, False, 0.0
     for d in problem.data:
         name = d.channel.name
         if ranked.fit.state[name] is base.state[name]:
@@ -136,13 +136,15 @@ def _mends_side_effects(problem: Problem, base: Fit, ranked: Ranked) -> bool:
         plain |= not scatter
         before, after = (d.whiten(d.residual(state)) for state in (base.state, ranked.fit.state))
         side = scatter and base.state[name] is not untouched[name]
+        change = np.abs(ranked.fit.state[name] - base.state[name])[d.use] / d.scale
+        largest = max(largest, float(np.quantile(change, 0.95)))
         gains[side] += 0.5 * float(before @ before - after @ after)
         if side:
             first = d.whiten(d.residual(untouched))
             moved += 0.5 * float(first @ first - before @ before)
     if gains[True] <= SIDE_SHARE * (gains[True] + max(gains[False], 0.0)):
         return False
-    return plain or gains[True] < SIDE_SHARE * moved
+    return plain or gains[True] < SIDE_SHARE * moved or largest < 2.0 * LEAST_SCATTER
 
 
 def _columns(term: Term) -> set[str]:

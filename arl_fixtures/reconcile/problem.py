@@ -156,7 +156,8 @@ class ChannelData:
         """
         centred = residual
         count = 0.0
-        if self.calibrated:
+        uniform = self.channel.role is Role.SCATTER and self.tails == 1.0
+        if self.calibrated or uniform:  # a noise that is larger everywhere does not scatter
             # plain means: constants that weigh by the present scatters would depend on where the estimate starts
             weight = self.root_weight**2 * self.scale
             top = np.bincount(self.unit, weight * residual, minlength=self.units)
