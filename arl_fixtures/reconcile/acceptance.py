@@ -25,6 +25,7 @@ QUIET, QUIET_GAIN = 0.15, 3.0
 """Share of its mean square below which an effect hardly acts, and what a further one must gain there."""
 LEAST_SCATTER = 0.03
 """Relative excess of scatter below which rounding and the noise law's own accuracy explain it."""
+_SMALLEST = 1e-300
 SIDE_SHARE = 0.5
 """Share of a gain from which it lives on the side effects of others, and what it must be of what these gain there."""
 PATTERN_ODDS = 0.65
@@ -103,7 +104,7 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
     No operator is exact. What it leaves has its own drivers and channels, and is small against what it explains.
     """
     new = ranked.fit.terms[-1]
-    if _mends_side_effects(problem, base, ranked):
+    if _mends_side_effects(problem, ranked):
         return True
     for index, term in enumerate(base.terms):
         if not set(term.variant.channels) & set(new.variant.channels):
@@ -119,29 +120,34 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
     return False
 
 
-def _mends_side_effects(problem: Problem, base: Fit, ranked: Ranked) -> bool:
+def _mends_side_effects(problem: Problem, ranked: Ranked) -> bool:
     """Whether a further effect lives on scatters that effects before it moved on the side.
 
     How a noise follows a signal is read off the table: what that leaves there calls for no name of other channels,
     nor for one that is small beside it.
     """
-    untouched = problem.view.fresh_state()
+    untouched, after = problem.view.fresh_state(), ranked.fit.state
+    before = forward(ranked.fit.terms[:-1], problem.view)  # not the base: there scatters pull at what moves signals
     gains: dict[bool, float] = {True: 0.0, False: 0.0}
     moved, plain, largest = 0.0, False, 0.0
     for d in problem.data:
         name = d.channel.name
-        if ranked.fit.state[name] is base.state[name]:
+        if after[name] is before[name]:
             continue
         scatter = d.channel.role is Role.SCATTER
         plain |= not scatter
-        before, after = (d.whiten(d.residual(state)) for state in (base.state, ranked.fit.state))
-        side = scatter and base.state[name] is not untouched[name]
-        change = np.abs(ranked.fit.state[name] - base.state[name])[d.use] / d.scale
-        largest = max(largest, float(np.quantile(change, 0.95)))
-        gains[side] += 0.5 * float(before @ before - after @ after)
+        old, new = (d.whiten(d.residual(state)) for state in (before, after))
+        side = scatter and before[name] is not untouched[name]
+        if scatter:
+            gains[side] += 0.5 * float(old @ old - new @ new)
+        else:
+            gains[False] += d.fit_scatter(d.residual(after))[0] - d.fit_scatter(d.residual(before))[0]
+        change = np.abs(after[name] - before[name])[d.use]
+        share = change / np.maximum(np.abs(before[name][d.use]), _SMALLEST)
+        largest = max(largest, float(np.quantile(share, 0.95)))
         if side:
             first = d.whiten(d.residual(untouched))
-            moved += 0.5 * float(first @ first - before @ before)
+            moved += 0.5 * float(first @ first - old @ old)
     if gains[True] <= SIDE_SHARE * (gains[True] + max(gains[False], 0.0)):
         return False
     return plain or gains[True] < SIDE_SHARE * moved or largest < 2.0 * LEAST_SCATTER
