@@ -47,8 +47,9 @@ FURTHER_EVIDENCE = 3.0
 LAW_EVIDENCE, LAW_GAIN, LAW_Z = 5.0, 9.0, 2.5
 """Where nothing else tells of a mismatch, a law's first term must earn this beyond its price, and the law must gain
 this on unseen blocks, this surely."""
-LAW_LIKELIER, LAW_LEAST_Z = 7.0, 1.8
-"""Marginal likelihood of a whole law, less its price, that tells of a mismatch where several blocks say so."""
+LAW_LIKELIER, LAW_LEAST_Z, LAW_FEW_Z = 7.0, 1.8, 1.5
+"""Marginal likelihood of a whole law, less its price, that tells of a mismatch where several blocks say so; twice
+that where it is two blocks or three of a few (a single one comes to 1)."""
 
 
 def is_law(chosen: Chosen) -> bool:
@@ -56,7 +57,8 @@ def is_law(chosen: Chosen) -> bool:
     if not chosen.terms or chosen.held < LAW_GAIN:
         return False
     sure = chosen.terms[0].gain > LAW_EVIDENCE and chosen.z > LAW_Z and chosen.likelier > LAW_EVIDENCE
-    return sure or (chosen.likelier > LAW_LIKELIER and chosen.z > LAW_LEAST_Z)
+    likely = chosen.likelier > LAW_LIKELIER and chosen.z > LAW_LEAST_Z
+    return sure or likely or (chosen.likelier > 2.0 * LAW_LIKELIER and chosen.z > LAW_FEW_Z)
 
 
 def find_terms(work: Work, pool: Sequence[Candidate]) -> Chosen:
