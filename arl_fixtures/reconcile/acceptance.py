@@ -10,7 +10,7 @@ import numpy as np
 from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import Role
-from arl_fixtures.reconcile.screen import Candidate, is_search
+from arl_fixtures.reconcile.screen import FEW_AMPLITUDES, Candidate, is_search
 from arl_fixtures.reconcile.step_means import act_apart
 from arl_fixtures.reconcile.terms import Term, forward
 
@@ -56,7 +56,7 @@ def evidence(ranked: Ranked, surcharge: float) -> float:
     first one's law does not quite say. A search along a shape pays for its many looks.
     """
     variant = ranked.candidate.term.variant
-    amplitudes = sum(not p.per for p in variant.amplitudes())
+    amplitudes = min(sum(not p.per for p in variant.amplitudes()), FEW_AMPLITUDES)
     before = [t for t in ranked.fit.terms[:-1] if set(t.variant.channels) & set(variant.channels)]
     sure = min(ranked.gain / PATTERN_ODDS, ranked.robust)
     if before:

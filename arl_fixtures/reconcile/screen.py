@@ -120,6 +120,11 @@ def starts_of(variant: Variant) -> Iterator[dict[str, float]]:
         yield dict(zip((p.name for p in shapes), product, strict=True))
 
 
+FEW_AMPLITUDES, MANY_PRICE = 3, 1.4
+"""Amplitudes beyond which each costs this: the thousandth of chi2/2 grows by 1.0 a degree of freedom, and what is
+common stays the measure of chance."""
+
+
 def is_search(variant: Variant) -> bool:
     """Whether a variant is tried along a shape from more starts than products of shapes are."""
     shapes = variant.shapes()
@@ -192,6 +197,7 @@ def screen(
             grams, scores = _per_unit(tangents, residual, codes, len(labels) if alone else 1)
             for label, gram, score in _choices(grams, scores, labels if alone else ("",)):
                 amplitude, gain = solve_amplitudes(gram, score, variant)
+                gain = max(gain - handicap_of(variant), 0.0)
                 if gain > (best[label].gain if label in best else 0.0):
                     values = dict(term.values)
                     for p, x in zip(variant.amplitudes(), amplitude, strict=True):
@@ -202,7 +208,7 @@ def screen(
                     best[label] = Candidate(term=placed, gain=gain, free=len(term.free()))
             if noise is not None:
                 largest = best_by_search if is_search(variant) else best_by_chance
-                np.maximum(largest, _chance(tangents, noise, variant), out=largest)
+                np.maximum(largest, _chance(tangents, noise, variant) - handicap_of(variant), out=largest)
         if variant.rough:
             places = (unit, labels, column) if alone else (np.zeros_like(unit), ("",), "")
             with undiminished(problem):
@@ -278,6 +284,11 @@ def _choices(
     yield "", np.sum(grams, axis=0), np.sum(scores, axis=0)
     if len(labels) > 1:
         yield from zip(labels, grams, scores, strict=True)
+
+
+def handicap_of(variant: Variant) -> float:
+    """What a variant of many amplitudes gives up, so that chance finds no more in it than in others."""
+    return MANY_PRICE * max(sum(not p.per for p in variant.amplitudes()) - FEW_AMPLITUDES, 0)
 
 
 def solve_amplitudes(gram: FloatArray, score: FloatArray, variant: Variant) -> tuple[FloatArray, float]:
