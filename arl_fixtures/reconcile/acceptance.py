@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,24 +40,26 @@ class Ranked:
         fit: joint fit on the full problem.
         gain: likelihood gained over the present terms, less the price.
         robust: the gain over no mismatch at all, as the test with shared errors sees it.
+        alone: whether what stands on its channels tells steps apart and it acts within them, or the reverse.
     """
 
     candidate: Candidate
     fit: Fit
     gain: float
     robust: float
+    alone: bool = False
 
 
 def evidence(ranked: Ranked, surcharge: float) -> float:
     """What counts against the threshold: the gain over no mismatch, and enough over a mere pattern of pixels.
 
     The threshold is the largest gain that chance gives to as many amplitudes, so the first effect on a channel
-    pays no price for them again, up to half of what it gains. A further one does: it may live on what the
-    first one's law does not quite say. A search along a shape pays for its many looks.
+    pays no price for them again, up to half of what it gains. A further one does, unless it acts elsewhere: it may
+    live on what the first one's law does not quite say. A search along a shape pays for its many looks.
     """
     variant = ranked.candidate.term.variant
     amplitudes = min(sum(not p.per for p in variant.amplitudes()), FEW_AMPLITUDES)
-    before = [t for t in ranked.fit.terms[:-1] if set(t.variant.channels) & set(variant.channels)]
+    before = [] if ranked.alone else _before(ranked.fit.terms)
     sure = min(ranked.gain / PATTERN_ODDS, ranked.robust)
     if before:
         alike = any(_columns(term) & _columns(ranked.fit.terms[-1]) for term in before)
@@ -65,6 +67,18 @@ def evidence(ranked: Ranked, surcharge: float) -> float:
     else:
         sure += float(np.clip(0.5 * sure, 0.0, PRICE * amplitudes))
     return sure - (surcharge if is_search(variant) else 0.0)
+
+
+def _before(terms: Sequence[Term]) -> list[Term]:
+    """Terms before the last that share a channel with it."""
+    return [t for t in terms[:-1] if set(t.variant.channels) & set(terms[-1].variant.channels)]
+
+
+def acts_alone(problem: Problem, terms: Sequence[Term]) -> bool:
+    """Whether all on the last term's channels tell steps apart where it acts within them, or the reverse."""
+    bare = problem.view.fresh_state()
+    own = forward([terms[-1]], problem.view)
+    return all(act_apart(problem, bare, forward([term], problem.view), own) for term in _before(terms))
 
 
 def is_repeat(base: Fit, candidate: Candidate) -> bool:
@@ -112,7 +126,7 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
         alike = bool(_columns(term) & _columns(new))
         least = (MISFIT_SHARE if alike else HIDDEN_SHARE) * gains.get(index, 0.0)
         apart = not alike and (
-            _tells_others(problem, base, ranked, index)
+            acts_alone(problem, (base.terms[index], new))
             or (ranked.gain > 0.1 * least and _stands_apart(problem, base, ranked, index))
         )
         if ranked.gain < least and not apart:
@@ -156,13 +170,6 @@ def _mends_side_effects(problem: Problem, ranked: Ranked) -> bool:
 def _columns(term: Term) -> set[str]:
     """Drivers, a measured column and its simulation counted as one."""
     return {name.removeprefix("sim_") for name in term.variant.drivers}
-
-
-def _tells_others(problem: Problem, base: Fit, ranked: Ranked, index: int) -> bool:
-    """Whether one of the two tells steps apart and the other acts within them: no misfit of one is the other."""
-    view, terms = problem.view, ranked.fit.terms
-    bare = forward([], view)
-    return act_apart(problem, bare, forward([base.terms[index]], view), forward([terms[-1]], view))
 
 
 def _stands_apart(problem: Problem, base: Fit, ranked: Ranked, index: int) -> bool:

@@ -13,7 +13,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from arl_fixtures.reconcile.acceptance import PATTERN_ODDS, PRICE, Ranked, evidence, is_misfit, is_repeat, is_rounding
+from arl_fixtures.reconcile.acceptance import (
+    PATTERN_ODDS,
+    PRICE,
+    Ranked,
+    acts_alone,
+    evidence,
+    is_misfit,
+    is_repeat,
+    is_rounding,
+)
 from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.dead import leave_out_dead
 from arl_fixtures.reconcile.effect import Effect, State
@@ -238,11 +247,8 @@ class Search:
     def _round(self, base: Fit, screening: Screening, chance: Screening) -> Stage:
         threshold = chance.threshold(LEVEL_FURTHER if base.terms else LEVEL_NAME)
         ranked = self.rank(base, shortlist([c for c in screening.candidates if not is_repeat(base, c)]))
-        sure = [
-            r
-            for r in ranked
-            if evidence(r, self.surcharge) > threshold and not is_misfit(self.full, base, r, self.gains)
-        ]
+        sure = [r for r in ranked if evidence(r, self.surcharge) > threshold]
+        sure = [r for r in sure if not is_misfit(self.full, base, r, self.gains)]
         sure = [r for r in sure if not is_rounding(self.full, base, r)]
         close = [r for r in sure if r.gain > sure[0].gain - TWIN_GAIN]
         chosen = min(close, key=_simplest, default=None)
@@ -344,7 +350,8 @@ class Search:
         robust = robust_gain(self.full, polished, len(base.terms), max(gain, strict))
         for d, tau in kept:
             d.rebuild(tau)
-        return Ranked(candidate=candidate, fit=polished, gain=gain, robust=robust)
+        apart = acts_alone(self.full, polished.terms)
+        return Ranked(candidate=candidate, fit=polished, gain=gain, robust=robust, alone=apart)
 
     def _settle(self, chosen: Fit, stage: Stage) -> Fit:
         """Swap pass: would another effect in an earlier place do better now? Backward pass: is each still needed?"""
