@@ -1,7 +1,7 @@
-"""Whether a simulation was calibrated pixel by pixel on the recording itself.
+"""Whether a simulation was calibrated on the recording itself, pixel by pixel or surface by surface.
 
-The mean mismatch of each pixel is then closer to nothing than its rows' own noise allows, and an effect that grows
-with a condition is nil at the condition's mean.
+The mean mismatch of each pixel (or surface) is then closer to nothing than its rows' own noise allows, and an effect
+that grows with a condition is nil at the condition's mean.
 """
 
 from __future__ import annotations
@@ -12,9 +12,10 @@ from arl_fixtures.reconcile.columns import Columns, FloatArray
 from arl_fixtures.reconcile.roles import Role
 
 FEWEST_PIXELS, FEWEST_ROWS = 24, 6
-CLOSER = 0.5
+FEWEST_SURFACES, ROWS_OF_SURFACE = 3, 20
+CLOSER, MUCH_CLOSER = 0.5, 0.25
 """Root mean square of the pixels' means, in their own errors, below which a calibration made them agree: white noise
-of 24 pixels is that small once in 20 000 tables."""
+of 24 pixels is that small once in 20 000 tables. The same of few surfaces, which must agree the better."""
 TRIMMED = 0.1
 """Share of the pixels, those that agree least, that is left out: dead ones cannot be calibrated."""
 _SMALLEST = 1e-300
@@ -32,7 +33,25 @@ def calibrated_by_pixel(table: Columns, channel: str) -> bool:
     """
     key = ("calibrated by pixel", channel)
     if key not in table.memo:
-        table.memo[key] = _closer(table, channel)
+        pixels = "pixel_u" in table.numbers
+        table.memo[key] = (
+            pixels and _apart(table, channel, ("pixel_u", "pixel_v"), FEWEST_PIXELS, FEWEST_ROWS) < CLOSER
+        )
+    return bool(table.memo[key])
+
+
+def calibrated_by_surface(table: Columns, channel: str) -> bool:
+    """The same of each surface: reflectances were fitted to the recording.
+
+    Args:
+        table: whole table.
+        channel: an intensity.
+    """
+    key = ("calibrated by surface", channel)
+    if key not in table.memo:
+        surfaces = "surface" in table.categories
+        apart = _apart(table, channel, ("surface",), FEWEST_SURFACES, ROWS_OF_SURFACE) if surfaces else np.inf
+        table.memo[key] = apart < MUCH_CLOSER
     return bool(table.memo[key])
 
 
@@ -41,24 +60,25 @@ def is_calibrated_by_pixel(table: Columns) -> bool:
     return any(calibrated_by_pixel(table, entry.name) for entry in table.channels if entry.role is Role.INTENSITY)
 
 
-def _closer(table: Columns, channel: str) -> bool:
+def _apart(table: Columns, channel: str, columns: tuple[str, ...], fewest: int, rows_of: int) -> float:
+    """Root mean square of the groups' mean mismatches in their own errors; infinite where it cannot be told."""
     entry = next((entry for entry in table.channels if entry.name == channel), None)
     spread = table.numbers.get(f"sim_{channel}_std")
-    if entry is None or spread is None or "pixel_u" not in table.numbers:
-        return False
+    if entry is None or spread is None:
+        return np.inf
     measured, simulated = table.numbers[channel], table.numbers[f"sim_{channel}"]
     frames = np.maximum(np.nan_to_num(table.numbers.get("n_frames", np.ones(table.n)), nan=1.0), 1.0)
     scale = np.abs(simulated) if entry.role is Role.INTENSITY else np.ones(table.n)
-    pixel = table.group("dut", "pixel_u", "pixel_v")
+    group = table.group("dut", *columns)
     good = np.isfinite(measured) & np.isfinite(simulated) & np.isfinite(spread) & (spread > 0.0) & (scale > 0.0)
     if not good.any():
-        return False
+        return np.inf
     each: FloatArray = (measured - simulated)[good] / scale[good]
     error = spread[good] / np.sqrt(frames[good]) / scale[good]
-    code, rows = pixel[good], np.bincount(pixel[good])
-    known = rows >= FEWEST_ROWS
-    if int(known.sum()) < FEWEST_PIXELS:
-        return False
+    code, rows = group[good], np.bincount(group[good])
+    known = rows >= rows_of
+    if int(known.sum()) < fewest:
+        return np.inf
     agreements = []
     for weight in (np.ones(each.size), 1.0 / error**2):  # a plain mean, or the best one
         total = np.maximum(np.bincount(code, weight), _SMALLEST)
@@ -66,4 +86,4 @@ def _closer(table: Columns, channel: str) -> bool:
         own = np.sqrt(np.bincount(code, (weight * error) ** 2)) / total
         z = np.sort(np.abs(mean[known] / own[known]))
         agreements.append(float(np.sqrt(np.mean(z[: int(np.ceil((1.0 - TRIMMED) * z.size))] ** 2))))
-    return min(agreements) < CLOSER
+    return min(agreements)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Stage, Values, Variant
+from arl_fixtures.reconcile.effect import Option, Stage, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     LightFactor,
@@ -18,6 +19,7 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
 )
 from arl_fixtures.reconcile.effects_surface import light_share, surface_names
+from arl_fixtures.reconcile.pixel_calibration import calibrated_by_surface
 from arl_fixtures.reconcile.view import View
 
 
@@ -25,7 +27,8 @@ class NonLambertian(LightFactor):
     """I *= 1 + oblique·sin²a + lobe·max(cos 2a, 0)^sharpness, on all surfaces or on one.
 
     `oblique` > 0 is a rough surface that stays bright when seen obliquely, `lobe` a gloss about normal incidence:
-    light comes back along its way, so the angle to the mirror direction is 2a.
+    light comes back along its way, so the angle to the mirror direction is 2a. Where reflectances were fitted to the
+    recording, the change is nil on each surface's average.
     """
 
     id = "target.non_lambertian"
@@ -40,10 +43,12 @@ class NonLambertian(LightFactor):
         if not view.varies("incidence_deg"):
             return
         for channel in signals(view):
+            fitted = calibrated_by_surface(view.columns, channel)
+            over: dict[str, Option] = {"fitted_over": _incidences(view)} if fitted else {}
             for surface in ("", *surface_names(view, 4)):
                 yield Variant(
                     effect=self.id,
-                    options={"channel": channel, "surface": surface},
+                    options={"channel": channel, "surface": surface, **over},
                     parameters=(
                         amplitude("oblique", "1", -2.0, 5.0, 0.1),
                         amplitude("lobe", "1", -0.5, 5.0, 0.05),
@@ -58,10 +63,26 @@ class NonLambertian(LightFactor):
         """Reflectance against Lambert's law."""
         sine, mirror = per_view(view, "incidence terms", lambda: _terms(view))
         bright = float(values["oblique"]) * sine + float(values["lobe"]) * np.exp(float(values["sharpness"]) * mirror)
+        if "fitted_over" in variant.options:
+            bright = bright - self._mean_on_surfaces(variant, values, view)
         surface = str(variant.options["surface"])
         if surface:
             bright = bright * light_share(view, str(variant.options["channel"]), surface)
         return np.maximum(1.0 + bright, 0.02)
+
+    def _mean_on_surfaces(self, variant: Variant, values: Values, view: View) -> FloatArray:
+        """What a fit of each surface's reflectance to the recording took away; 0 on surfaces that were not in it."""
+        over = {label: np.array(angles) for label, angles in json.loads(str(variant.options["fitted_over"])).items()}
+        if not view.is_category("surface"):
+            return np.zeros(view.n)
+        codes, labels = view.codes("surface")
+        means = np.zeros(len(labels) + 1)
+        for k, label in enumerate(labels):
+            if label in over:
+                sine, mirror = _terms_of(over[label])
+                lobe = float(values["lobe"]) * np.exp(float(values["sharpness"]) * mirror)
+                means[k] = float(np.mean(float(values["oblique"]) * sine + lobe))
+        return np.asarray(means[codes])
 
     def expression(self, variant: Variant) -> str:
         """The law."""
@@ -87,7 +108,26 @@ class NonLambertian(LightFactor):
 
 def _terms(view: View) -> tuple[FloatArray, FloatArray]:
     """sin² of the incidence and ln of the cosine of twice it; zero and very small where it is unknown."""
-    angle = np.radians(view.number("incidence_deg"))
+    return _terms_of(view.number("incidence_deg"))
+
+
+def _terms_of(incidence_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
+    angle = np.radians(incidence_deg)
     sine = np.nan_to_num(np.sin(angle) ** 2)
     mirror = np.log(np.maximum(np.nan_to_num(np.cos(2.0 * angle), nan=1e-6), 1e-6))
     return sine, mirror
+
+
+_QUANTILES = (np.arange(9) + 0.5) / 9
+
+
+def _incidences(view: View) -> str:
+    """Nine quantiles of each surface's incidence in the whole table, degrees, as JSON."""
+    codes, labels = view.columns.categories["surface"]
+    angle = view.columns.numbers["incidence_deg"]
+    found = {}
+    for k, label in enumerate(labels):
+        seen = angle[np.isfinite(angle) & (codes == k)]
+        if seen.size:
+            found[label] = [round(float(x), 3) for x in np.quantile(seen, _QUANTILES)]
+    return json.dumps(found)
