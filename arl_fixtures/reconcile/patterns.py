@@ -126,13 +126,16 @@ def half_z(gram: FloatArray, score: FloatArray, tau: float) -> float:
 
 
 def shared_part(data: ChannelData, residual: FloatArray) -> FloatArray:
-    """Estimate of what units, steps and images share in a residual (weighted means, shrunk by their scatter)."""
+    """Estimate of what units, steps and images share in a residual (weighted means, shrunk by their scatter).
+
+    Steps before their images: of a step's mean each image would keep another share, and images would seem to differ.
+    """
     total = np.zeros(len(residual))
     if data.calibrated:
         total = data.scale * data.constants_of(data.whitener(residual))[data.unit]
     weight = data.root_weight**2
-    for level in data.levels:
-        if level.name in {"step", "frame"}:
+    for name in ("step", "frame"):
+        for level in (level for level in data.levels if level.name == name):
             tau = data.tau.get(level.name, 0.0)
             if tau > 0:
                 top = np.bincount(level.code, weight * level.scale * (residual - total), minlength=level.count)
