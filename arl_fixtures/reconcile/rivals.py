@@ -42,7 +42,15 @@ def needed_by_law(named: float, plain: float, acting: Sequence[Term], columns: S
         acting: the names; columns: of the law.
     """
     share = MIXED_SHARE if says_the_same(acting, columns) else BEATEN_SHARE
-    return named + max(BEATEN_BY, share * named, BEATEN_PLAIN * plain)
+    known = {_kind_of(c) for term in acting for c in term.variant.drivers}
+    # a law of the names' own columns has the freer shape only, where one of others tells of another cause
+    least = 2.0 * BEATEN_BY if {_kind_of(c) for c in columns} <= known else BEATEN_BY
+    return named + max(least, share * named, BEATEN_PLAIN * plain)
+
+
+def _kind_of(column: str) -> str:
+    """A column with its simulation, and all temperatures, counted as one."""
+    return "temperature_c" if column.endswith("temperature_c") else column.removeprefix("sim_")
 
 
 def share_beside(problem: Problem, terms: Sequence[Term], term: Term) -> float:

@@ -244,6 +244,15 @@ def test_a_law_of_neighbouring_rows_is_no_rival_of_a_name_that_mixes_them():
     assert needed[0] > 1.5 * needed[1] == 1.5 * needed[2]
 
 
+def test_a_law_of_a_names_own_columns_must_do_better_than_one_of_others():
+    """It has the freer shape only; a law of other columns tells of another cause."""
+    view = image_view(*(image_of()[k] for k in (2, 3, 0, 1)))
+    variant = variant_of(view, "detector.crosstalk")
+    acting = [Term(effect=library()[variant.effect], variant=variant, values=default_values(variant))]
+    own, other = (needed_by_law(100.0, 0.0, acting, columns) for columns in (["pixel_u"], ["tof_temperature_c"]))
+    assert own > other
+
+
 def test_glare_is_a_convolution_with_a_flat_kernel():
     u, v, light, far = image_of()
     view = image_view(light, far, u, v)
