@@ -5,7 +5,7 @@ import pytest
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.law_search import search_law
-from arl_fixtures.reconcile.patterns import find_scatter
+from arl_fixtures.reconcile.patterns import find_scatter, shared_part
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.search import Search
@@ -67,6 +67,27 @@ def test_scatter_between_steps_is_told_from_what_follows_a_temperature(columns_o
     assert blind.value == pytest.approx(2e-3, rel=0.4)
     caused = [s for s in scatters_of(columns_of(53, bent, steps=24)) if s.level == "step"]
     assert [s.driver.endswith("_c") for s in caused] == [True]
+
+
+def test_images_do_not_seem_to_differ_where_only_steps_do(columns_of):
+    """Bright images know a step's error better than dark ones: none may keep another share of it."""
+
+    def off(columns, rng):
+        columns["intensity_counts"] = (
+            columns["intensity_counts"] * (1.0 + 0.1 * rng.normal(size=5))[columns["step"].astype(int)]
+        )
+        bright = 1.0 + 9.0 * (columns["stage_angle_deg"] > 0.0)
+        for name in ("sim_intensity_counts_std", "sim_distance_m_std"):
+            columns[name] = columns[name] * bright
+        del columns["sim_intensity_counts_repeat_std"]
+
+    looker, data, state = looked_at(columns_of(56, off, duts=1, steps=5), "intensity_counts")
+    data.rebuild({**data.tau, "frame": 5e-3})
+    left = data.residual(state) - shared_part(data, data.residual(state))
+    image = looker.problem.columns.group("step", "stage_angle_deg")[data.use]
+    weight = data.root_weight**2 * data.scale
+    mean = np.bincount(image, weight * left) / np.sqrt(np.bincount(image, weight * data.scale))
+    assert np.max(np.abs(mean)) < 4.0
 
 
 def test_a_supply_is_seen_although_its_readings_hardly_scatter(columns_of):
