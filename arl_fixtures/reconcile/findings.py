@@ -204,7 +204,7 @@ def law_finding(decision: Decision, law: Law) -> Finding:
     nearest = _nearest(decision, law.channel)
     text = (
         f"{law.channel} differs from the simulation with {', '.join(drivers[:3]) or 'no single column'} "
-        f"(up to {_size_of(total, law, before[law.channel][d.use])}); no effect of the library explains it."
+        f"{_size_of(total, law, before[law.channel][d.use])}; no effect of the library explains it."
     )
     held = HeldOut(
         blocks=decision.problem.groups.block_name, before=left.before, after=left.after,
@@ -315,11 +315,17 @@ def tidy(sentence: str) -> str:
 
 
 def _size_of(total: FloatArray, law: Law, sim: FloatArray) -> str:
+    """How far a law moves the rows that it moves at all, in brackets; empty for one that moves none."""
+    moved = np.abs(total) > 0.0
+    if not moved.any():
+        return ""
     if law.relative:
-        share = float(np.nanquantile(np.abs(total / np.where(sim == 0, np.nan, sim)), 0.98))
-        return f"{100 * share:.{2 if share < 1.0 else 3}g} %" if share < 9.99 else f"{100 * share:.0f} %"
-    size = float(np.quantile(np.abs(total), 0.98))
-    return f"{1e3 * size:.3g} mm" if law.unit == "m" and size < 0.1 else tidy(f"{size:.3g} {law.unit}")
+        share = float(np.nanquantile(np.abs(total / np.where(sim == 0, np.nan, sim))[moved], 0.98))
+        size = f"{100 * share:.{2 if share < 1.0 else 3}g} %" if share < 9.99 else f"{100 * share:.0f} %"
+    else:
+        amount = float(np.quantile(np.abs(total)[moved], 0.98))
+        size = f"{1e3 * amount:.3g} mm" if law.unit == "m" and amount < 0.1 else tidy(f"{amount:.3g} {law.unit}")
+    return f"(up to {size})"
 
 
 def constant_finding(decision: Decision, d: ChannelData) -> Finding:
