@@ -62,7 +62,7 @@ class NonLambertian(LightFactor):
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Reflectance against Lambert's law."""
         sine, mirror = per_view(view, "incidence terms", lambda: _terms(view))
-        bright = float(values["oblique"]) * sine + float(values["lobe"]) * np.exp(float(values["sharpness"]) * mirror)
+        bright = _excess(values, sine, mirror)
         if "fitted_over" in variant.options:
             bright = bright - self._mean_on_surfaces(variant, values, view)
         surface = str(variant.options["surface"])
@@ -79,9 +79,7 @@ class NonLambertian(LightFactor):
         means = np.zeros(len(labels) + 1)
         for k, label in enumerate(labels):
             if label in over:
-                sine, mirror = _terms_of(over[label])
-                lobe = float(values["lobe"]) * np.exp(float(values["sharpness"]) * mirror)
-                means[k] = float(np.mean(float(values["oblique"]) * sine + lobe))
+                means[k] = float(np.mean(_excess(values, *_terms_of(over[label]))))
         return np.asarray(means[codes])
 
     def expression(self, variant: Variant) -> str:
@@ -116,6 +114,12 @@ def _terms_of(incidence_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
     sine = np.nan_to_num(np.sin(angle) ** 2)
     mirror = np.log(np.maximum(np.nan_to_num(np.cos(2.0 * angle), nan=1e-6), 1e-6))
     return sine, mirror
+
+
+def _excess(values: Values, sine: FloatArray, mirror: FloatArray) -> FloatArray:
+    """What oblique light and the lobe add to Lambert's law, of 1."""
+    lobe = float(values["lobe"]) * np.exp(float(values["sharpness"]) * mirror)
+    return np.asarray(float(values["oblique"]) * sine + lobe)
 
 
 _QUANTILES = (np.arange(9) + 0.5) / 9
