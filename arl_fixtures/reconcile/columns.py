@@ -14,6 +14,8 @@ IMAGE_COLUMNS = ("dut", "cycle", "step", "stage_angle_deg")
 """What tells images apart on a bench with a rotary stage."""
 FEWEST_PIXELS, REPEATED = 4, 0.01
 """Rows that an image has at least, and share of rows whose pixel may stand in its image twice."""
+RECORDED = frozenset({"cycle", "step"})
+"""What stands for something within one record only."""
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
@@ -46,6 +48,7 @@ class Columns:
         channels: what can be compared.
         ignored: column to the reason why it is not used.
         sweep_gap_deg, frame_gap_s: farther apart, rows are no neighbours in the sweep or in time.
+        record: code of the record that each row is from, where one cycle's or step's rows come from several.
         memo: room for what effects compute once per table, under keys of their own.
     """
 
@@ -56,6 +59,7 @@ class Columns:
     ignored: dict[str, str] = field(default_factory=dict)
     sweep_gap_deg: float = np.inf
     frame_gap_s: float = np.inf
+    record: IntArray | None = None
     memo: dict[object, Any] = field(default_factory=dict)
     _groups: dict[tuple[str, ...], IntArray] = field(default_factory=dict)
     _relations: dict[tuple[object, ...], IntArray] = field(default_factory=dict)
@@ -69,14 +73,16 @@ class Columns:
     def group(self, *names: str) -> IntArray:
         """Code 0…k−1 of the combination of those of `names` that the table has; all 0 where it has none."""
         present = tuple(name for name in names if name in self.numbers or name in self.categories)
-        if present not in self._groups:
-            code = np.zeros(self.n, dtype=np.int64)
+        record = None if RECORDED.isdisjoint(names) else self.record
+        key = present if record is None else (*present, "~record")
+        if key not in self._groups:
+            code = np.zeros(self.n, dtype=np.int64) if record is None else record
             for name in present:
                 part = self.codes_of(name)
                 part = part - part.min()
                 code = np.unique(code * (int(part.max()) + 1) + part, return_inverse=True)[1].astype(np.int64)
-            self._groups[present] = code
-        return self._groups[present]
+            self._groups[key] = code
+        return self._groups[key]
 
     @property
     def image_columns(self) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 
 from arl_fixtures.errors import ArlError, DataError
 from arl_fixtures.reconcile.columns import Columns, FloatArray
+from arl_fixtures.reconcile.context import CONTEXT_FILE, beside, read_context, write_context
 from arl_fixtures.reconcile.diagnosis import Diagnosis
 from arl_fixtures.reconcile.localise import write_localisation
 from arl_fixtures.reconcile.model_file import corrected_state, read_model, terms_of, write_model
@@ -34,7 +35,8 @@ WRITING = 0.9
 def reconcile(table_path: Path, out_dir: Path, progress: ProgressCall | None = None) -> Diagnosis:
     """Compare a table and write `diagnosis.json`, `diagnosis.html`, `model.yaml` and `localisation.parquet`.
 
-    The folder appears as a whole or not at all.
+    Beside a model lies `context.parquet`, what `predict` needs of this table. The folder appears as a whole or not at
+    all; a context of an earlier model in it is removed.
 
     Raises:
         DataError: the table cannot be used, or the folder cannot be written.
@@ -58,12 +60,15 @@ def reconcile(table_path: Path, out_dir: Path, progress: ProgressCall | None = N
         write_model(work / "model.yaml", model)
         write_page(work / "diagnosis.html", diagnosis, decision)
         channels = columns.channels
+        if model.effects or model.unknown:
+            write_context(work / CONTEXT_FILE, columns)
         del decision, columns  # a large table is read again in batches: room for them
         write_localisation(
             work / "localisation.parquet", table_path, channels, model, diagnosis.findings, rows,
             progress=lambda share: report("writing", WRITING + (1.0 - WRITING) * share),
         )  # fmt: skip
         out_dir.mkdir(exist_ok=True)
+        (out_dir / CONTEXT_FILE).unlink(missing_ok=True)
         for file in sorted(work.iterdir()):
             file.replace(out_dir / file.name)
     except OSError as error:
@@ -90,18 +95,23 @@ def predict(model_dir: Path, table_path: Path, out_file: Path, progress: Progres
     model = read_model(model_path)
     out_file = Path(out_file)
     rows = open_table(Path(table_path)).metadata.num_rows
+    context = read_context(Path(model_dir))
     whole: dict[str, FloatArray] = {}
     done = 0
     for numbers, columns in table_in_batches(Path(table_path)):
+        own = columns.n
         names = [c.name for c in columns.channels if c.role is not Role.SCATTER]
-        for start in range(0, columns.n, CHUNK):
-            part = np.arange(start, min(start + CHUNK, columns.n))
+        names += _scatter_channels(columns)
+        if context is not None:
+            columns = beside(columns, context)
+        for start in range(0, own, CHUNK):
+            part = np.arange(start, min(start + CHUNK, own))
             view = View(columns, None if columns.n <= CHUNK else part)
             state = corrected_state(model, terms_of(model, view, model_path), view)
-            for name in [*names, *_scatter_channels(columns)]:
+            for name in names:
                 if name in state:
                     values = whole.setdefault(f"corrected_{name}", np.full(rows, np.nan))
-                    values[numbers[part]] = state[name]
+                    values[numbers[part]] = state[name][: len(part)]
             done += len(part)
             if progress is not None:
                 progress("predicting", done / rows)

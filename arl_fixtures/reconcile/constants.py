@@ -12,7 +12,7 @@ from arl_fixtures.reconcile.noise import Level
 from arl_fixtures.reconcile.problem import ChannelData
 
 CONSTANT_Z = 3.5
-"""Errors by which the constant of a channel without a finding must differ from nothing."""
+"""Errors by which a constant must differ from nothing that no finding explains."""
 NAMED_ERRORS = 1.5
 """Errors that a constant beside a name must exceed: a name's law brings its own zero, an empirical one none."""
 FITTED_ERRORS = 1.5
@@ -25,7 +25,9 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
     What a finding changes on average is in the measurement, too, unless a calibration took it away: there the
     constant belongs to the prediction as far as it exceeds its own error (1.5 times that beside a name), and as a
     whole as far as the simulation agrees with the rows' mean better than steps and images that differ by chance
-    would let it, which only a calibration on these rows does. Elsewhere it must be significant.
+    would let it, which only a calibration on these rows does. Either way it is no larger than what the findings make
+    of the mean of some step: nothing else was there to be calibrated away, and a law's zero shifts no more. Beyond
+    that, and elsewhere, it must be significant.
     """
     problem = decision.problem
     state, untouched = decision.final_state(), problem.view.fresh_state()
@@ -42,6 +44,8 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
         if acted:
             share = fitted_share(d, d.residual(untouched), errors)
             values = share * _means(d, d.residual(state))[0] + (1.0 - share) * values
+            reach = reach_of(d, d.residual(untouched) - d.residual(state))
+            values = np.where(np.abs(values) > CONSTANT_Z * errors, values, np.clip(values, -reach, reach))
         found: dict[str, float] = {}
         for unit in range(d.units):
             first = d.use[np.flatnonzero(d.unit == unit)[0]]
@@ -63,6 +67,17 @@ def _means(d: ChannelData, residual: FloatArray) -> tuple[FloatArray, FloatArray
     weight = (d.root_weight * d.scale) ** 2
     power = np.maximum(np.bincount(d.unit, weight, minlength=d.units), 1e-300)
     return np.bincount(d.unit, weight * residual / d.scale, minlength=d.units) / power, 1.0 / np.sqrt(power)
+
+
+def reach_of(d: ChannelData, change: FloatArray) -> FloatArray:
+    """Largest gain or offset that a change of the rows means for one step of each unit."""
+    step = next((level for level in d.levels if level.name == "step"), None)
+    code, count = (np.zeros_like(d.unit), 1) if step is None else (step.code, step.count)
+    part = d.unit * count + code
+    weight = (d.root_weight * d.scale) ** 2
+    power = np.bincount(part, weight, minlength=d.units * count)
+    moved = np.bincount(part, weight * change / d.scale, minlength=d.units * count)
+    return np.asarray(np.max(np.abs(moved / np.maximum(power, 1e-300)).reshape(d.units, count), axis=1))
 
 
 def fitted_share(d: ChannelData, residual: FloatArray, errors: FloatArray) -> float:

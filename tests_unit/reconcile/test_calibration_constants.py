@@ -4,7 +4,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from arl_fixtures.reconcile.constants import fitted_share
+from arl_fixtures.reconcile.constants import fitted_share, reach_of
 from arl_fixtures.reconcile.findings import mean_square
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.reconcile import diagnose
@@ -97,3 +97,13 @@ def test_a_gain_and_what_a_step_shares_cannot_stand_for_a_curve_together():
     })  # fmt: skip
     findings = diagnose(columns_of(table))[0].findings
     assert [f.effect for f in findings] == ["detector.compression"]
+
+
+def test_a_constant_reaches_as_far_as_the_mean_change_of_a_step():
+    """A pattern without a mean leaves no constant to be calibrated away; one that a step has is its own size."""
+    problem = Problem(columns_of(zone_table(5, zones=1)))
+    (channel,) = problem.data
+    step, place = problem.view.number("step"), np.tile(np.arange(20), 6)
+    pattern = 2e-3 * np.where(place % 2 == 1, 1.0, -1.0)
+    assert reach_of(channel, pattern) == pytest.approx([0.0], abs=1e-9)
+    assert reach_of(channel, pattern - 4e-4 * (step == 3)) == pytest.approx([4e-4])

@@ -1,0 +1,133 @@
+"""Rows to predict without surroundings: the table that was reconciled lends them, where it is the same record."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from arl_fixtures.reconcile.command import predict, reconcile
+from arl_fixtures.reconcile.context import CONTEXT_FILE, beside, read_context, write_context
+from arl_fixtures.reconcile.table import columns_of
+
+TAU_S = 900.0
+
+
+def lagging(columns, rng):
+    """The board's delay follows the housing slowly: marched second by second, per cycle."""
+    for dut in np.unique(columns["dut"]):
+        mine = columns["dut"] == dut
+        time, first = np.unique(columns["time_s"][mine], return_index=True)
+        housing = columns["housing_temperature_c"][mine][first]
+        fine = np.arange(time[0], time[-1] + 1.0)
+        outside = np.interp(fine, time, housing)
+        board = np.empty_like(outside)
+        board[0] = outside[0]
+        for k in range(1, fine.size):
+            board[k] = board[k - 1] + (outside[k] - board[k - 1]) / TAU_S
+        delay_m = 4e-5 * (board - outside)
+        columns["distance_m"][mine] += np.interp(columns["time_s"][mine], fine, delay_m)
+
+
+def moved_beam(columns, rng):
+    """The beam turns with the housing's temperature: the same profile, seen from another direction."""
+    turned = 0.08 * (columns["housing_temperature_c"] - 25.0)
+    profile = [np.exp(-(((columns["azimuth_deg"] - d) / 75.0) ** 4)) for d in (turned, 0.0)]
+    columns["intensity_counts"] *= profile[0] / profile[1]
+
+
+def split(table, held):
+    simulated = {n: v[held] for n, v in table.items() if n not in {"intensity_counts", "distance_m"}}
+    return {n: v[~held] for n, v in table.items()}, simulated
+
+
+def explained(table, plain, held, corrected, channel):
+    """Share of the true change that a prediction makes."""
+    truth, sim = table[channel][held] - plain[channel][held], table[f"sim_{channel}"][held]
+    return 1.0 - np.sum((corrected - sim - truth) ** 2) / np.sum(truth**2)
+
+
+@pytest.mark.parametrize(
+    ("change", "column", "value", "channel"),
+    [(lagging, "step", 5.0, "distance_m"), (moved_beam, "stage_angle_deg", 8.1, "intensity_counts")],
+)
+def test_rows_of_one_step_or_angle_are_predicted_from_what_was_around_them(
+    tmp_path, make_table, save, change, column, value, channel
+):
+    table, plain = make_table(21, change), make_table(21)
+    held = np.isclose(table[column], value)
+    train, unseen = split(table, held)
+    reconcile(save(tmp_path / "t.parquet", train), tmp_path / "out")
+    told = []
+    for folder in ("with", "without"):
+        if folder == "without":
+            (tmp_path / "out" / CONTEXT_FILE).unlink()
+        predict(tmp_path / "out", save(tmp_path / "u.parquet", unseen), tmp_path / "p.parquet")
+        corrected = pq.read_table(tmp_path / "p.parquet")[f"corrected_{channel}"].to_numpy()
+        told.append(explained(table, plain, held, corrected, channel))
+    assert told[0] > 0.7
+    assert told[1] < 0.1
+
+
+def kept(folder, table):
+    write_context(folder / CONTEXT_FILE, columns_of(pa.table(table)))
+    return read_context(folder)
+
+
+def test_a_context_holds_no_measured_value(tmp_path, make_table):
+    context = kept(tmp_path, make_table(3))
+    assert not np.isfinite(context.numbers["intensity_counts"]).any()
+    assert "intensity_counts" not in pq.read_schema(tmp_path / CONTEXT_FILE).names
+
+
+def test_rows_that_are_kept_and_asked_for_stand_once(tmp_path, make_table):
+    table = make_table(3)
+    context = kept(tmp_path, table)
+    half = columns_of(pa.table({n: v[::2] for n, v in table.items()}), for_prediction=True)
+    together = beside(half, context)
+    assert together.n == len(table["dut"])
+    assert np.all(together.record == 0)
+    for name in ("sim_distance_m", "housing_temperature_c"):
+        assert np.array_equal(together.numbers[name][: half.n], half.numbers[name])
+        assert np.array_equal(np.sort(together.numbers[name]), np.sort(table[name]))
+
+
+def hotter(table):
+    table["set_temperature_c"] += 60.0
+    table["housing_temperature_c"] += 60.0
+    table["stage_angle_deg"] += 1.0
+
+
+def shifted_steps(table):
+    table["step"] += 40.0
+    table["stage_angle_deg"] += 1.0
+
+
+def other_ranges(table):
+    table["sim_distance_m"] *= 1.1
+
+
+@pytest.mark.parametrize("changed", [hotter, shifted_steps, other_ranges])
+def test_another_run_under_the_same_labels_is_another_record(tmp_path, make_table, changed):
+    """The devices' scene and rays are shared, neighbours in image, sweep and time are not."""
+    context = kept(tmp_path, make_table(3))
+    table = make_table(4)
+    table["housing_temperature_c"] = make_table(3)["housing_temperature_c"]
+    changed(table)
+    columns = columns_of(pa.table(table), for_prediction=True)
+    together = beside(columns, context)
+    own = np.arange(together.n) < columns.n
+    assert np.array_equal(together.record, (~own).astype(int))
+    for names in (("dut", "cycle"), together.image_columns):
+        code = together.group(*names)
+        assert not set(code[own]) & set(code[~own])
+    lines = together.group("dut", "pixel_v")
+    assert set(lines[own]) == set(lines[~own])
+
+
+def test_steps_left_out_of_a_record_belong_to_it(tmp_path, make_table):
+    table = make_table(3)
+    held = np.isin(table["step"], (4.0, 9.0))
+    train, unseen = split(table, held)
+    together = beside(columns_of(pa.table(unseen), for_prediction=True), kept(tmp_path, train))
+    assert np.all(together.record == 0)
+    assert together.n == len(held)
