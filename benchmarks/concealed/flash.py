@@ -99,13 +99,16 @@ def noise_m(intensity: np.ndarray) -> np.ndarray:
     return np.hypot(0.004, 0.30 * noise_counts(intensity) / np.maximum(intensity, 1.0))
 
 
-def _footprint(rows: Rows, reality: Reality) -> tuple[np.ndarray, np.ndarray]:
-    """Sub-ray offsets in pixels, each (N, S) or (1, S); a blur widens them by seeded points of a Gaussian."""
+def footprint(rows: Rows, reality: Reality) -> tuple[np.ndarray, np.ndarray]:
+    """Sub-ray offsets in pixels, each (N, S) or (1, S); a blur widens each by two rings of a round Gaussian."""
     if not reality.blur_px:
         return OFFSET_U[None, :], OFFSET_V[None, :]
     sigma = np.sqrt(sum(np.square(f(rows)) for f in reality.blur_px))
-    points = np.random.default_rng(7).normal(size=(2, 5))
-    points = np.concatenate([points, -points], axis=1) / points.std()
+    # a quarter and three quarters of a Gaussian's light lie within these radii; six points are round to fifth order
+    radius = np.sqrt(-2.0 * np.log([0.75, 0.25])).repeat(6)
+    radius *= np.sqrt(2.0 / np.mean(radius**2))
+    turn_rad = 2.0 * np.pi * (np.arange(12) / 6.0 + (np.arange(12) >= 6) / 12.0)
+    points = radius * np.stack([np.cos(turn_rad), np.sin(turn_rad)])
     du = (OFFSET_U[None, :, None] + sigma[:, None, None] * points[0]).reshape(len(rows), -1)
     dv = (OFFSET_V[None, :, None] + sigma[:, None, None] * points[1]).reshape(len(rows), -1)
     return du, dv
@@ -117,7 +120,7 @@ def illuminate(rows: Rows, reality: Reality, *, u: np.ndarray | None = None, v: 
     v = rows.v if v is None else v
     angle = rows.angle_deg + sum((f(rows) for f in reality.stage_deg), start=np.zeros(len(rows)))
     focal = np.prod([np.ones(len(rows)), *(f(rows) for f in reality.focal)], axis=0)
-    du, dv = _footprint(rows, reality)
+    du, dv = footprint(rows, reality)
     rays = pixel_rays(u[:, None] + du, v[:, None] + dv, focal[:, None])
     azimuth, elevation = field_angles_deg(pixel_rays(u.astype(float), v.astype(float)))
     for tilt in reality.tilt_deg:

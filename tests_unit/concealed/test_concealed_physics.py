@@ -3,6 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.concealed.flash import OFFSET_U, OFFSET_V, Reality, footprint
 from benchmarks.concealed.laser_curve import photons
 from benchmarks.concealed.rows import Design, lay_out, random_pixels
 from benchmarks.concealed.scene import SURFACES, field_angles_deg, pixel_rays, to_chamber, trace
@@ -45,6 +46,16 @@ def test_a_footprint_shares_its_light_between_panel_and_wall():
     front = hits.share[..., :9]
     assert np.any((front > 0.1) & (front < 0.9))
     assert set(np.unique(hits.surface)) <= set(range(len(SURFACES)))
+
+
+def test_a_blur_is_round_and_moves_nothing():
+    rows = lay_out(Design(pixels=random_pixels(np.random.default_rng(3), 4)), np.random.default_rng(3))
+    reality = Reality()
+    reality.blur_px.append(lambda rows: np.full(len(rows), 0.3))
+    du, dv = footprint(rows, reality)
+    grid = np.cov(OFFSET_U, OFFSET_V, bias=True)
+    np.testing.assert_allclose(np.mean([du[0], dv[0]], axis=1), [OFFSET_U.mean(), OFFSET_V.mean()], atol=1e-12)
+    np.testing.assert_allclose(np.cov(du[0], dv[0], bias=True) - grid, 0.3**2 * np.eye(2), atol=1e-12)
 
 
 def test_smooth_edges_move_in_proportion_to_the_stage():
