@@ -137,6 +137,13 @@ def _held_out(decision: Decision, index: int, channels: Sequence[str], gain: flo
     return held_out_of(data, before_state, after, decision.problem.groups.block_name, gain)
 
 
+def error_of_spread(values: FloatArray) -> float:
+    """Relative standard error of a standard deviation; tails heavier than a Gaussian's make it larger."""
+    x = values - float(np.mean(values))
+    kurtosis = float(np.mean(x**4) / max(np.mean(x**2), 1e-300) ** 2)
+    return float(np.sqrt(max(kurtosis - 1.0, 2.0) / (4.0 * max(len(x) - 1, 1))))
+
+
 def pattern_finding(decision: Decision, pattern: Pattern) -> Finding:
     """An effect with a free value per pixel."""
     term = pattern.term
@@ -153,7 +160,7 @@ def pattern_finding(decision: Decision, pattern: Pattern) -> Finding:
     pixels = [k for k, column in enumerate(parameter.per) if column != "cycle"]
     count = len({tuple(key[k] for k in pixels) for key in levels}) if sparse else len(levels)
     size = float(count) if sparse else pattern.size
-    spread = 0.0 if sparse else 1.96 * pattern.size / np.sqrt(2.0 * max(count - 1, 1))
+    spread = 0.0 if sparse else 1.96 * pattern.size * error_of_spread(np.array(list(levels.values())))
     shown = ParameterValue(
         name="count" if sparse else f"{name}_sd", value=size, unit="1" if sparse else parameter.unit,
         low=size - spread, high=size + spread,

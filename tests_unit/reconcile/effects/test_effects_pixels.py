@@ -1,9 +1,11 @@
 """Pixels that leak and pixels that die, against pulses that are added up and fields that are read back."""
 
 import numpy as np
+import pytest
 from rendered_bench import corrected, make_columns, variant_of
 
 from arl_fixtures.reconcile.catalogue import library
+from arl_fixtures.reconcile.findings import error_of_spread
 from arl_fixtures.reconcile.terms import Term
 from arl_fixtures.reconcile.view import View
 
@@ -54,3 +56,15 @@ def test_a_pixel_that_died_in_one_cycle_is_dead_in_the_next():
     gone = (pixel == 2) & (cycle >= 3)
     np.testing.assert_array_equal(state["valid_fraction"], np.where(gone, 0.0, 1.0))
     np.testing.assert_array_equal(state["signal_counts"], np.where(gone, 0.0, 500.0))
+
+
+@pytest.mark.parametrize("tails", [6, 100])
+def test_the_interval_of_a_spread_covers_that_of_all_pixels_also_with_heavy_tails(tails):
+    rng = np.random.default_rng(tails)
+    true = np.sqrt(tails / (tails - 2.0))
+    covered = []
+    for _ in range(600):
+        gains = rng.standard_t(tails, size=160)
+        size = float(np.std(gains))
+        covered.append(abs(size - true) < 1.96 * size * error_of_spread(gains))
+    assert 0.90 < np.mean(covered) < 0.98
