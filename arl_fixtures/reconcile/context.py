@@ -13,6 +13,7 @@ kept rows count as a record of their own.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -109,7 +110,7 @@ def _conflicts(joined: Columns, own: BoolArray) -> tuple[BoolArray, BoolArray]:
     """Kept rows that stand among the own ones as well, and rows of records that cannot be the own ones' record."""
     record = joined.group(*_RECORD)
     twice, wrong = _repeated(joined, own)
-    wrong |= _another_condition(joined, own) | _another_time(joined, own)
+    wrong |= _another_condition(joined, own) | _another_time(joined, own) | _another_course(joined, own)
     bad = np.zeros(int(record.max()) + 1, dtype=bool)
     bad[record[wrong]] = True
     return twice, bad[record]
@@ -135,20 +136,49 @@ def _repeated(joined: Columns, own: BoolArray) -> tuple[BoolArray, BoolArray]:
     return same, others
 
 
+def _conditions(joined: Columns) -> Iterator[FloatArray]:
+    """The temperatures that go with the rows."""
+    measured = {c.name for c in joined.channels}
+    for name, values in joined.numbers.items():
+        if name.endswith("_c") and not name.startswith("sim_") and name not in measured and np.isfinite(values).any():
+            yield values
+
+
+def _margin(values: FloatArray) -> float:
+    return SAME_CONDITION * float(np.nanmax(values) - np.nanmin(values))
+
+
+def _another_course(joined: Columns, own: BoolArray) -> BoolArray:
+    """Own rows at whose times it was warmer or colder in the kept record, where no step says when they were taken."""
+    wrong = np.zeros(joined.n, dtype=bool)
+    if "time_s" not in joined.numbers or "step" in joined.numbers:
+        return wrong
+    record, time = joined.group(*_RECORD), joined.numbers["time_s"]
+    for values in _conditions(joined):
+        good = np.isfinite(values) & np.isfinite(time)
+        for k in np.unique(record[own]):
+            mine, kept = (np.flatnonzero(good & (record == k) & part) for part in (own, ~own))
+            if not (mine.size and kept.size):
+                continue
+            kept = kept[np.argsort(time[kept], kind="stable")]
+            mine = mine[(time[mine] >= time[kept[0]]) & (time[mine] <= time[kept[-1]])]
+            off = np.abs(values[mine] - np.interp(time[mine], time[kept], values[kept]))
+            if mine.size and float(np.mean(off)) > _margin(values):
+                wrong[mine] = True
+    return wrong
+
+
 def _another_condition(joined: Columns, own: BoolArray) -> BoolArray:
     """Rows of steps that bear one name but whose own rows were taken under other conditions than the kept ones."""
     step = joined.group(*_WHEN)
     wrong = np.zeros(int(step.max()) + 1, dtype=bool)
-    if not {"step", "cycle"} & set(joined.numbers):
+    if "step" not in joined.numbers:
         return wrong[step]
-    for name, values in joined.numbers.items():
-        if not name.endswith("_c") or name.startswith("sim_") or name in {c.name for c in joined.channels}:
-            continue
+    for values in _conditions(joined):
         (low, high), (least, most) = (_ends(step, values, part, wrong.size) for part in (own, ~own))
         known = np.isfinite(low) & np.isfinite(least)
         if known.any():
-            margin = SAME_CONDITION * float(np.nanmax(values) - np.nanmin(values))
-            wrong |= known & ((low > most + margin) | (high < least - margin))
+            wrong |= known & ((low > most + _margin(values)) | (high < least - _margin(values)))
     return wrong[step]
 
 

@@ -140,7 +140,7 @@ def _held_out(decision: Decision, index: int, channels: Sequence[str], gain: flo
 def error_of_spread(values: FloatArray) -> float:
     """Relative standard error of a standard deviation; tails heavier than a Gaussian's make it larger."""
     x = values - float(np.mean(values))
-    kurtosis = float(np.mean(x**4) / max(np.mean(x**2), 1e-300) ** 2)
+    kurtosis = float(np.mean(x**4)) / max(float(np.mean(x**2)), 1e-300) ** 2
     return float(np.sqrt(max(kurtosis - 1.0, 2.0) / (4.0 * max(len(x) - 1, 1))))
 
 

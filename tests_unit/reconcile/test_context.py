@@ -124,6 +124,21 @@ def test_another_run_under_the_same_labels_is_another_record(tmp_path, make_tabl
     assert set(lines[own]) == set(lines[~own])
 
 
+@pytest.mark.parametrize("another", [False, True])
+def test_without_steps_the_course_of_the_temperature_tells_runs_apart(tmp_path, make_table, another):
+    """Every other row of one run belongs to it; another run warms up at other times."""
+    table = {
+        n: v for n, v in make_table(3, duts=1).items() if n not in {"step", "cycle", "ramp", "set_temperature_c"}
+    }
+    held = np.arange(len(table["time_s"])) % 2 == 1
+    train, unseen = split(table, held)
+    if another:
+        unseen["time_s"] = unseen["time_s"] + 2000.0
+    together = beside(columns_of(pa.table(unseen), for_prediction=True), kept(tmp_path, train))
+    own = np.arange(together.n) < np.sum(held)
+    assert np.all(together.record == (~own if another else 0))
+
+
 def test_steps_left_out_of_a_record_belong_to_it(tmp_path, make_table):
     table = make_table(3)
     held = np.isin(table["step"], (4.0, 9.0))
