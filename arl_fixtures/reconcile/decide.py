@@ -20,6 +20,7 @@ from arl_fixtures.reconcile.findings import (
     law_finding,
     mean_square,
     named_finding,
+    ordered,
     pattern_finding,
     scatter_finding,
 )
@@ -42,6 +43,7 @@ from arl_fixtures.reconcile.rivals import (
     has_other_place,
     is_outdone,
     needed_by_law,
+    pictures_beside,
     plain_gain,
     says_the_same,
     share_beside,
@@ -61,16 +63,6 @@ SCATTER_SHARE = 0.4
 """Share of what names do to the groups of a channel below which what is left between these is their own error."""
 CONSTANT_Z = 8.0
 """A unit's constant gain or offset this many standard errors from none is a mismatch if nothing else explains it."""
-
-
-def _ordered(findings: list[Finding], names: int) -> list[Finding]:
-    """Strongest first; behind a name (they come first) what was fitted to the rest that it left on its channel."""
-    leading = findings[:names]
-    ranked = [(f.strength, f) for f in leading]
-    for f in findings[names:]:
-        ahead = [0.999 * name.strength for name in leading if set(name.channels) & set(f.channels)]
-        ranked.append((min([f.strength, *ahead]), f))
-    return [f for _, f in sorted(ranked, key=lambda pair: -pair[0])]
 
 
 def is_structure(seen: Structure) -> bool:
@@ -122,7 +114,7 @@ class Decision:
             constant_finding(self, d) for d in self.problem.data
             if d.channel.name not in acted and self._is_constant(d)
         ]  # fmt: skip
-        return _ordered(findings, len(self.best.terms)), self._fits()
+        return ordered(findings, len(self.best.terms)), self._fits()
 
     def _is_constant(self, d: ChannelData) -> bool:
         """Whether a channel is off by a gain or offset that no scatter of its steps explains."""
@@ -154,6 +146,11 @@ class Decision:
                 self.patterns.append(pattern)
         if self.patterns:
             self._look()
+            pictures = pictures_beside(self.best.terms, self.patterns)
+            best = self.search.prune(self.best, self.found.screening, certain=pictures) if pictures else self.best
+            if len(best.terms) < len(self.best.terms):  # it had the likeness of the pattern
+                self.best, self.patterns = best, []
+                self._add_patterns()
 
     def _look(self) -> None:
         state = forward(self.terms, self.problem.view)

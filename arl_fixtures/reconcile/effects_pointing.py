@@ -140,6 +140,26 @@ def point_elsewhere(
     _set_seen(view, state, _changes(view, turn, lift), *moves)
 
 
+def spread_rays(view: View, state: State, turn: FloatArray, lift: FloatArray) -> None:
+    """Let every row see a Gaussian's neighbourhood of its ray, `turn` and `lift` its standard deviations in degrees.
+
+    Five points with the weights of Gauss and Hermite, exact to third order; light adds up, and distances by light.
+    """
+    light, moments = np.full(view.n, 1.0 / 3.0), dict.fromkeys(distances(view), np.zeros(view.n))
+    channel = next(iter(signals(view)), "")
+    for sign in (-1.0, 1.0):
+        for far_turn, far_lift in ((sign * np.sqrt(3.0) * turn, 0.0), (0.0, sign * np.sqrt(3.0) * lift)):
+            changes = _changes(view, far_turn, far_lift)
+            ratio = changes.get(channel, np.ones(view.n))
+            ratio = np.clip(np.where(np.isfinite(ratio), ratio, 1.0), 0.01, 100.0) / 6.0
+            light = light + ratio
+            for name in moments:
+                change = changes.get(name, np.zeros(view.n))
+                moments[name] = moments[name] + ratio * np.where(np.isfinite(change), change, 0.0)
+    _set_seen(view, state, dict.fromkeys(signals(view), light), 0.0, 0.0)
+    _set_seen(view, state, {name: moment / light for name, moment in moments.items()}, 0.0, 0.0)
+
+
 def _set_seen(
     view: View, state: State, changes: dict[str, FloatArray], turn: FloatArray | float, lift: FloatArray | float
 ) -> None:

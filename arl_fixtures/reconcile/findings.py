@@ -359,3 +359,13 @@ def constant_finding(decision: Decision, d: ChannelData) -> Finding:
         statement=f"{name} is off by a constant {word}{each}; nothing that was recorded drives it.",
         next_experiment="Calibrate once more, then repeat: a constant is either calibration or set-up.",
     )  # fmt: skip
+
+
+def ordered(findings: list[Finding], names: int) -> list[Finding]:
+    """Strongest first; behind a name (they come first) what was fitted to the rest that it left on its channel."""
+    leading = findings[:names]
+    ranked = [(f.strength, f) for f in leading]
+    for f in findings[names:]:
+        ahead = [0.999 * name.strength for name in leading if set(name.channels) & set(f.channels)]
+        ranked.append((min([f.strength, *ahead]), f))
+    return [f for _, f in sorted(ranked, key=lambda pair: -pair[0])]

@@ -78,6 +78,13 @@ def share_beside(problem: Problem, terms: Sequence[Term], term: Term) -> float:
     return (PICTURE_SHARE if picture else MISFIT_SHARE) * total
 
 
+def pictures_beside(terms: Sequence[Term], patterns: Sequence[Pattern]) -> set[str]:
+    """Effects that are a picture over the pixels, on a channel whose pixels have a free pattern as well."""
+    channels = {c for p in patterns for c in p.term.variant.channels}
+    alike = [t for t in terms if set(t.variant.drivers) <= PIXEL_COLUMNS and channels & set(t.variant.channels)]
+    return {t.effect.id for t in alike}
+
+
 def plain_gain(problem: Problem, terms: Sequence[Term], term: Term) -> float:
     """Half the drop of the sum of squares that a term brings to independent rows, as counted for a pattern."""
     others = [t for t in terms if t is not term]

@@ -7,7 +7,7 @@ steps, angles or pixels. Small problems rank (a part of the rows), the full one 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
@@ -134,8 +134,8 @@ class Search:
             part.rebuild(whole.tau)
         return small
 
-    def prune(self, best: Fit, chance: Screening | None) -> Fit:
-        """Drop, weakest first, every effect that in the final fit no longer gains what a name must gain."""
+    def prune(self, best: Fit, chance: Screening | None, certain: Container[str] = ()) -> Fit:
+        """Drop, weakest first, what no longer gains a name's share of the threshold (the `certain`: all of it)."""
         while best.terms and chance is not None:
             threshold = chance.threshold(LEVEL_NAME if len(best.terms) == 1 else LEVEL_FURTHER)
             gains = []
@@ -143,7 +143,8 @@ class Search:
                 rest = tuple(t for k, t in enumerate(best.terms) if k != index)
                 without = finish(self.full, fit(self.full, rest, rounds=3))
                 price = PRICE * (len(best.keys) - len(without.keys))
-                gains.append((best.log_likelihood - without.log_likelihood - price, index, without))
+                odds = PATTERN_ODDS if best.terms[index].effect.id in certain else 1.0
+                gains.append((odds * (best.log_likelihood - without.log_likelihood - price), index, without))
             weakest = min(gains, key=lambda item: item[0])
             if weakest[0] >= PATTERN_ODDS * threshold:
                 break

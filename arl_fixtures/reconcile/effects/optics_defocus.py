@@ -22,8 +22,10 @@ from arl_fixtures.reconcile.effects_common import (
     temperature_drivers,
 )
 from arl_fixtures.reconcile.effects_frame import has_frames, ranged_by
+from arl_fixtures.reconcile.effects_pointing import spread_rays
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.effects_render import bench_of, convolved, is_sharp, rendered
+from arl_fixtures.reconcile.effects_scene import pixel_width, scene
 from arl_fixtures.reconcile.view import View
 
 
@@ -31,7 +33,8 @@ class Defocus(Effect):
     """The image is blurred by a Gaussian of `width` pixels, or of width·|T − sharpest| / range of the temperature.
 
     Where the scene can be rendered, two ways: the rays spread before they meet the scene, or the finished image is
-    convolved. They part where pixels sample an edge by few rays.
+    convolved. They part where pixels sample an edge by few rays. Where a sweep shows the scene finer than its pixels,
+    the rays spread over that.
     Light and range mix: the distance becomes the mean of what the blurred pixel sees, weighted by its light.
     """
 
@@ -46,7 +49,11 @@ class Defocus(Effect):
         if not has_frames(view):
             return
         columns = temperature_drivers(view, "lens_temperature_c", "housing_temperature_c", limit=1)
-        kinds = ("rays", "image") if bench_of(view) is not None else ("image",)
+        kinds: tuple[str, ...] = ("image",)
+        if bench_of(view) is not None:
+            kinds = ("rays", "image")
+        elif scene(view) is not None and view.varies("stage_angle_deg") and view.varies("azimuth_deg"):
+            kinds = ("scene", "image")
         for channel in signals(view):
             for column, kind in itertools.product(("", *columns), kinds):
                 parameters: tuple[Parameter, ...] = (amplitude("width", "px", 0.0, 1.2, 0.3),)
@@ -72,6 +79,12 @@ class Defocus(Effect):
             width = width * np.abs(above(view, column, float(values["sharpest"]))) / float(variant.options["range"])
         far = ranged_by(view, channel)
         variance = np.minimum(width, _WIDEST) ** 2
+        if variant.options["kind"] == "scene":
+            found = scene(view)
+            spread = np.sqrt(variance)
+            if found is not None:
+                spread_rays(view, state, spread * pixel_width(view)[view.rows], spread * found.pitch_deg)
+            return
         if variant.options["kind"] == "rays":
             seen, clear = rendered(view, Pose(blur_px=np.sqrt(variance))), _clear(view)
         else:

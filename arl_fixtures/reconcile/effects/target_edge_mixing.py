@@ -14,10 +14,14 @@ from arl_fixtures.reconcile.effects_common import (
     light_channels,
     per_view,
     set_light,
+    shape,
 )
-from arl_fixtures.reconcile.effects_surface import borders, neighbours
+from arl_fixtures.reconcile.effects_surface import borders, light_share, neighbours
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
+
+_PEAKS = ("echo", "locked")
+_CLIMBS = 25
 
 
 class EdgeMixing(Effect):
@@ -25,6 +29,8 @@ class EdgeMixing(Effect):
 
     * dominant: D += share·(range of the surface that gives more light − D): the stronger echo wins.
     * nearest: D += share·(range of the nearer surface − D): the first echo wins.
+    * echo, locked: D += share·(peak of both echoes − D): apart by more than the pulse one of them wins, the stronger
+      or that of the pixel's centre; closer together they merge.
     * range: D takes a share of the other side's range, in proportion to its light (negative: gives some back).
     * both: the other side's light too: more of it is in the pixel than the simulation says.
     """
@@ -40,13 +46,19 @@ class EdgeMixing(Effect):
         if not view.labels("surface") or not borders(view).any():
             return
         channel = view.channel(Role.INTENSITY)
-        kinds = (("dominant", "nearest", "range") if distances(view) else ()) + (("both",) if channel else ())
+        kinds = (("dominant", "nearest", *_PEAKS, "range") if distances(view) else ()) + (
+            ("both",) if channel else ()
+        )
         for kind in kinds:
             lit = light_channels(view, channel) if kind == "both" else ()
             yield Variant(
                 effect=self.id,
                 options={"kind": kind},
-                parameters=(amplitude("share", "1", -0.9, 0.9, 0.1),),
+                parameters=(
+                    (amplitude("share", "1", -0.9, 1.2, 0.1), shape("pulse", "m", 0.02, 2.0, 0.15, 0.6))
+                    if kind in _PEAKS
+                    else (amplitude("share", "1", -0.9, 0.9, 0.1),)
+                ),
                 channels=tuple(dict.fromkeys((*distances(view), *lit))),
                 drivers=tuple(name for name in ("mixed", "surface") if view.has(name)),
                 where={"mixed": ["true"]} if view.is_category("mixed") else {},
@@ -55,9 +67,13 @@ class EdgeMixing(Effect):
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Mixes the other side in at borders."""
         share = float(values["share"])
-        if variant.options["kind"] in ("dominant", "nearest"):
+        if variant.options["kind"] in ("dominant", "nearest", *_PEAKS):
             for name in distances(view):
-                winner = _winner(view, name, str(variant.options["kind"]))
+                kind = str(variant.options["kind"])
+                if kind in _PEAKS:
+                    winner = _peak(view, name, float(values["pulse"]), strongest=kind == "echo")
+                else:
+                    winner = _winner(view, name, kind)
                 moved = share * (winner - state[name])
                 state[name] = state[name] + np.where(borders(view) & np.isfinite(moved), moved, 0.0)
             return
@@ -78,6 +94,8 @@ class EdgeMixing(Effect):
     def expression(self, variant: Variant) -> str:
         """The law."""
         kind = variant.options["kind"]
+        if kind in _PEAKS:
+            return "at borders: distance += share * (peak of both surfaces' echoes of length pulse - distance)"
         if kind in ("dominant", "nearest"):
             return f"at borders: distance += share * (distance of the {kind} surface - distance)"
         text = "at borders: distance += w * (distance beyond - distance), w = the share of the light from beyond"
@@ -86,6 +104,11 @@ class EdgeMixing(Effect):
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """The share."""
         kind = variant.options["kind"]
+        if kind in _PEAKS:
+            return (
+                f"Where a pixel sees two surfaces, it reports {values['share'] * 100:.0f} % of the way to the peak "
+                f"of their echoes, which merge below {values['pulse']:.2f} m (standard deviation of an echo)."
+            )
         if kind in ("dominant", "nearest"):
             which = "surface that gives more light" if kind == "dominant" else "nearer surface"
             return (
@@ -133,6 +156,35 @@ def _winner(view: View, name: str, kind: str) -> FloatArray:
         return np.where(here >= 0.5, centre, beyond)
 
     return per_view(view, ("winner", name, kind), find)
+
+
+def _peak(view: View, name: str, pulse_m: float, *, strongest: bool) -> FloatArray:
+    """Peak of the centre's and the other side's Gaussian echoes: uphill from the stronger, or from the centre's."""
+    centre, beyond = _inside(view, name), _across(view, name)
+    width = pulse_m * (1e3 if name.endswith("_mm") else 1.0)
+    at = np.flatnonzero(borders(view) & np.isfinite(centre) & np.isfinite(beyond))
+    own = per_view(view, "own share", lambda: _own_share(view))[at]
+    near, far = centre[at], beyond[at]
+    place = np.where(own >= 0.5, near, far) if strongest else near.copy()
+    for _ in range(_CLIMBS):  # a fixed point of the mean shift is a peak
+        first = own * np.exp(-0.5 * ((place - near) / width) ** 2)
+        second = (1.0 - own) * np.exp(-0.5 * ((place - far) / width) ** 2)
+        place = (first * near + second * far) / np.maximum(first + second, 1e-300)
+    peak = np.full(view.n, np.nan)
+    peak[at] = place
+    return peak
+
+
+def _own_share(view: View) -> FloatArray:
+    """Share of a pixel's light that comes from the surface at its centre."""
+    channel = view.channel(Role.INTENSITY)
+    codes, labels = view.codes("surface")
+    share = np.ones(view.n)
+    for index, label in enumerate(labels):
+        here = codes == index
+        if here.any():
+            share[here] = light_share(view, channel, label)[here] if channel else 0.5
+    return share
 
 
 def _inside(view: View, name: str) -> FloatArray:

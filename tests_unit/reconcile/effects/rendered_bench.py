@@ -97,6 +97,8 @@ def render(u, v, stage_deg, camera=None):
         "true_range_m": range_[middle],
         "azimuth_deg": azimuth,
         "elevation_deg": elevation,
+        "ray_weight": weight,
+        "ray_range_m": range_,
     }
 
 

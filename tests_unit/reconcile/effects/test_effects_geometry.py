@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from rendered_bench import Camera, bench, corrected, left_over, render, variant_of
 
+from arl_fixtures.reconcile.effects import optics_defocus
 from arl_fixtures.reconcile.view import View
 
 LIGHT, RANGE = "intensity_counts", "distance_m"
@@ -92,6 +93,46 @@ def test_focal_drift_moves_edges_outwards_with_the_temperature():
     state = corrected(view, variant_of(view, "optics.focal_drift", temperature="housing_temperature_c"), drift=drift)
     assert left_over(view, state, LIGHT) < 0.05
     assert left_over(view, state, RANGE) < 0.05
+
+
+@pytest.mark.parametrize("pulse_m", [0.05, 0.15])
+def test_two_echoes_in_a_pixel_merge_or_one_of_them_wins(pulse_m):
+    """The strongest point of the summed Gaussian echoes of all rays, on a grid of 2 mm."""
+    columns = bench(columns=(52, 76), rows=(12, 16))
+    seen = render(*(columns.numbers[name] for name in ("pixel_u", "pixel_v", "stage_angle_deg")))
+    mixed = np.flatnonzero(np.ptp(seen["ray_range_m"], axis=0) > 0.05)
+    grid = np.arange(1.0, 1.8, 0.002)
+    ranges, weights = seen["ray_range_m"][:, mixed], seen["ray_weight"][:, mixed]
+    echo = sum(w * np.exp(-0.5 * ((grid[:, None] - r) / pulse_m) ** 2) for w, r in zip(weights, ranges, strict=True))
+    columns.numbers[RANGE] = columns.numbers[RANGE].copy()
+    columns.numbers[RANGE][mixed] = grid[np.argmax(echo, axis=0)]
+    view = View(columns)
+    state = corrected(view, variant_of(view, "target.edge_mixing", kind="echo"), share=1.0, pulse=pulse_m)
+    assert left_over(view, state, RANGE) < 0.3
+
+
+def test_a_blur_finer_than_a_pixel_spreads_the_rays_over_the_scene_that_the_sweep_shows(monkeypatch):
+    """Every pixel as the mean of renderings about it, weighted by a Gaussian of a seventh of a pixel."""
+    monkeypatch.setattr(optics_defocus, "bench_of", lambda _view: None)  # as if another simulator's
+    width_px = 0.15
+    columns = bench(columns=(52, 76), rows=(12, 16))
+    u, v, stage = (columns.numbers[name] for name in ("pixel_u", "pixel_v", "stage_angle_deg"))
+    light, moment, total = np.zeros(u.size), np.zeros(u.size), 0.0
+    for x in np.linspace(-3.0, 3.0, 13):
+        for y in (-1.0, 0.0, 1.0):
+            weight = np.exp(-0.5 * (x**2 + 1.5 * y**2))
+            seen = render(u + width_px * x, v + width_px * y, stage)
+            light += weight * seen[LIGHT]
+            moment += weight * seen[LIGHT] * seen[RANGE]
+            total += weight
+    columns.numbers |= {LIGHT: light / total, RANGE: moment / light}
+    view = View(columns)
+    left = {}
+    for kind in ("scene", "image"):
+        state = corrected(view, variant_of(view, "optics.defocus", temperature="", kind=kind), width=width_px)
+        left[kind] = left_over(view, state, LIGHT), left_over(view, state, RANGE)
+    assert max(left["scene"]) < 0.2
+    assert min(left["image"]) > 2.0 * max(left["scene"])
 
 
 def test_frame_lag_mixes_in_the_position_before_in_time_not_in_angle():
