@@ -9,7 +9,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.problem import Problem
-from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.roles import PIXEL_COLUMNS, Role
 from arl_fixtures.reconcile.screen import FEW_AMPLITUDES, Candidate, is_search
 from arl_fixtures.reconcile.step_means import act_apart
 from arl_fixtures.reconcile.terms import Term, forward
@@ -54,18 +54,20 @@ def evidence(ranked: Ranked, surcharge: float) -> float:
     """What counts against the threshold: the gain over no mismatch, and enough over a mere pattern of pixels.
 
     The threshold is the largest gain that chance gives to as many amplitudes, so the first effect on a channel
-    pays no price for them again, up to half of what it gains. A further one does, unless it acts elsewhere: it may
-    live on what the first one's law does not quite say. A search along a shape pays for its many looks.
+    pays no price for them again, up to half of what it gains. A further one does, and more unless it acts elsewhere:
+    it may live on what the first one's law does not quite say; as a picture over the pixels it must gain all of the
+    threshold beside their free pattern. A search along a shape pays for its many looks.
     """
     variant = ranked.candidate.term.variant
     amplitudes = min(sum(not p.per for p in variant.amplitudes()), FEW_AMPLITUDES)
-    before = [] if ranked.alone else _before(ranked.fit.terms)
-    sure = min(ranked.gain / PATTERN_ODDS, ranked.robust)
-    if before:
+    before = _before(ranked.fit.terms)
+    picture = bool(before) and set(variant.drivers) <= PIXEL_COLUMNS
+    sure = min(ranked.gain if picture else ranked.gain / PATTERN_ODDS, ranked.robust)
+    if not before:
+        sure += float(np.clip(0.5 * sure, 0.0, PRICE * amplitudes))
+    elif not ranked.alone:
         alike = any(_columns(term) & _columns(ranked.fit.terms[-1]) for term in before)
         sure -= FURTHER if alike else FURTHER_APART
-    else:
-        sure += float(np.clip(0.5 * sure, 0.0, PRICE * amplitudes))
     return sure - (surcharge if is_search(variant) else 0.0)
 
 

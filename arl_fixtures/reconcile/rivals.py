@@ -12,7 +12,7 @@ from arl_fixtures.reconcile.locate import locate
 from arl_fixtures.reconcile.patterns import Pattern
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.problem import ChannelData, Problem
-from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.roles import PIXEL_COLUMNS, Role
 from arl_fixtures.reconcile.terms import Term, forward
 
 BEATEN_BY, BEATEN_SHARE = 12.0, 0.05
@@ -24,7 +24,6 @@ MIXED_SHARE = 1.0
 """The share for a law of neighbouring rows where the name mixes rows with their neighbours: it says the same."""
 LEAST_Z = 2.0
 """Significance over blocks below which what is gained on unseen ones is a single block's."""
-PIXEL_COLUMNS = frozenset({"pixel_u", "pixel_v", "azimuth_deg", "elevation_deg"})
 PICTURE_SHARE = 0.3
 """Share of what an effect over the image explains that a free pattern of pixels must gain beside it."""
 

@@ -19,6 +19,9 @@ _NO_UNIT = frozenset({"pixel_u", "pixel_v"})
 _SIGNAL_WORDS = ("intensity", "signal", "photodiode", "amplitude", "power", "optical", "radiance", "light")
 _SIGNAL_UNITS = {"counts", "cps", "kcps", "mcps", "w", "mw", "lux"}
 
+PIXEL_COLUMNS = frozenset({"pixel_u", "pixel_v", "azimuth_deg", "elevation_deg"})
+"""Where a pixel is in the image, or looks."""
+
 
 class Role(Enum):
     """What kind of quantity a channel is; effects choose their channels by role."""

@@ -7,9 +7,21 @@ from collections.abc import Iterable
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
-from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, distances, in_mm, rounded, shape, signals
+from arl_fixtures.reconcile.effects_common import (
+    FloatArray,
+    amplitude,
+    distances,
+    in_mm,
+    per_table,
+    rounded,
+    shape,
+    signals,
+)
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
+
+RETURN = "expected return"
+"""What stands for the signal where none was recorded."""
 
 
 class RangeWalk(Effect):
@@ -19,6 +31,8 @@ class RangeWalk(Effect):
       foot, negative exponents flatten towards weak returns.
     * pulse: w(x) = −sqrt(2·ln(x / threshold)), the crossing of a Gaussian pulse's leading edge; `walk` is then the
       pulse's standard deviation as a range. It runs away near the threshold as no power does.
+
+    In a table without a signal stands for it what a surface returns: reflectance·cos(incidence) / distance².
     """
 
     id = "timing.range_walk"
@@ -30,8 +44,8 @@ class RangeWalk(Effect):
         """Edge and pulse for every pair of a distance and an intensity channel."""
         for distance in distances(view):
             size = 1e3 if unit_of(distance) == "mm" else 1.0
-            for signal in signals(view):
-                if not view.varies(f"sim_{signal}"):
+            for signal in signals(view) or (RETURN,):
+                if not (view.varies("reflectance") if signal == RETURN else view.varies(f"sim_{signal}")):
                     continue
                 for kind in ("edge", "pulse"):
                     yield Variant(
@@ -40,7 +54,7 @@ class RangeWalk(Effect):
                             "distance": distance,
                             "signal": signal,
                             "kind": kind,
-                            "reference": rounded(view.middle(f"sim_{signal}")),
+                            "reference": _reference(view, signal, distance),
                         },
                         parameters=(
                             amplitude("walk", unit_of(distance), -2.0 * size, 2.0 * size, 0.005 * size),
@@ -49,18 +63,21 @@ class RangeWalk(Effect):
                             else shape("threshold", "1", 1e-4, 0.9, 0.02),
                         ),
                         channels=(distance,),
-                        drivers=(signal,),
+                        drivers=_columns(view) if signal == RETURN else (signal,),
                     )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Shifts the distance by the walk of the signal."""
         distance, signal = str(variant.options["distance"]), str(variant.options["signal"])
-        ratio = np.clip(np.nan_to_num(state[signal] / float(variant.options["reference"]), nan=1.0), 1e-3, 1e4)
+        light = _returned(view, distance) if signal == RETURN else state[signal]
+        ratio = np.clip(np.nan_to_num(light / float(variant.options["reference"]), nan=1.0), 1e-3, 1e4)
         state[distance] = state[distance] + float(values["walk"]) * _walk(ratio, values)
 
     def expression(self, variant: Variant) -> str:
         """The law."""
         distance, signal, origin = (variant.options[key] for key in ("distance", "signal", "reference"))
+        if signal == RETURN:
+            signal = f"(reflectance * cos(incidence_deg) / {distance}^2)"
         if variant.options["kind"] == "edge":
             return f"{distance} += walk * (({signal} / {origin})^(-exponent) - 1) / exponent"
         crossing = f"sqrt(2 ln({signal} / ({origin} * threshold)))"
@@ -69,12 +86,13 @@ class RangeWalk(Effect):
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Size over the middle 90 % of the signal."""
         signal, distance = str(variant.options["signal"]), str(variant.options["distance"])
-        low, high = np.nanquantile(view.sim[signal], [0.05, 0.95])
+        light = _returned(view, distance) if signal == RETURN else view.sim[signal]
+        low, high = np.nanquantile(light, [0.05, 0.95])
         ends = np.clip(np.array([low, high]) / float(variant.options["reference"]), 1e-3, 1e4)
         change = float(values["walk"]) * float(-np.diff(_walk(ends, values))[0])
         return (
-            f"Weak returns ({signal} {low:.0f}) are ranged {in_mm(change, distance):+.2f} mm against strong ones "
-            f"({high:.0f})."
+            f"Weak returns ({signal} {low:.3g}) are ranged {in_mm(change, distance):+.2f} mm against strong ones "
+            f"({high:.3g})."
         )
 
     def next_experiment(self, variant: Variant) -> str:
@@ -82,6 +100,32 @@ class RangeWalk(Effect):
         return (
             "Repeat with a neutral-density filter in front of the window: range walk follows the attenuated signal."
         )
+
+
+def _columns(view: View) -> tuple[str, ...]:
+    return tuple(name for name in ("reflectance", "true_range_m", "incidence_deg") if view.varies(name))
+
+
+def _returned(view: View, distance: str) -> FloatArray:
+    """What a surface sends back by its reflectance, incidence and simulated distance, in units of their own."""
+
+    def make() -> FloatArray:
+        numbers = view.columns.numbers
+        light = numbers["reflectance"] / np.maximum(np.abs(numbers[f"sim_{distance}"]), 1e-9) ** 2
+        if "incidence_deg" in numbers:
+            light = light * np.nan_to_num(np.cos(np.radians(numbers["incidence_deg"])), nan=1.0)
+        return np.maximum(light, 0.0)
+
+    whole: FloatArray = per_table(view, ("returned", distance), make)
+    return np.asarray(whole[view.rows])
+
+
+def _reference(view: View, signal: str, distance: str) -> float:
+    """Median signal of the table."""
+    if signal != RETURN:
+        return rounded(view.middle(f"sim_{signal}"))
+    light = _returned(View(view.columns), distance)
+    return rounded(float(np.median(light[np.isfinite(light) & (light > 0.0)])))
 
 
 def _walk(ratio: FloatArray, values: Values) -> FloatArray:
