@@ -114,10 +114,10 @@ def _returned(view: View, distance: str) -> FloatArray:
         light = numbers["reflectance"] / np.maximum(np.abs(numbers[f"sim_{distance}"]), 1e-9) ** 2
         if "incidence_deg" in numbers:
             light = light * np.nan_to_num(np.cos(np.radians(numbers["incidence_deg"])), nan=1.0)
-        return np.maximum(light, 0.0)
+        return np.asarray(np.maximum(light, 0.0))
 
     whole: FloatArray = per_table(view, ("returned", distance), make)
-    return np.asarray(whole[view.rows])
+    return whole[view.rows]
 
 
 def _reference(view: View, signal: str, distance: str) -> float:
