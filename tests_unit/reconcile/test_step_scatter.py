@@ -8,6 +8,7 @@ from arl_fixtures.reconcile.law_search import search_law
 from arl_fixtures.reconcile.patterns import find_scatter, shared_part
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.search import Search
 from arl_fixtures.reconcile.table import load_table
 
@@ -125,3 +126,17 @@ def test_a_pattern_is_found_at_whichever_period_it_has(columns_of):
     (term,) = found.best.terms
     assert term.effect.id == "readout.column_pattern"
     assert term.values["period"] == pytest.approx(6.0, rel=0.01)
+
+
+@pytest.mark.parametrize("left", [0.9, 0.8])
+def test_one_step_that_is_off_is_no_law_of_its_temperature(columns_of, left):
+    """The warmest of nine steps is darker: a knee above the others would say no more than that."""
+
+    def darker(columns, rng):
+        means = np.bincount(columns["step"].astype(int), columns["housing_temperature_c"])
+        columns["intensity_counts"] *= np.where(columns["step"] == np.argmax(means), left, 1.0)
+        for name in [n for n in columns if n.endswith("repeat_std")]:
+            del columns[name]
+
+    diagnosis, _, _ = diagnose(columns_of(4, darker, steps=9, duts=1))
+    assert "laser.thermal_rolloff" not in [f.effect for f in diagnosis.findings]

@@ -21,7 +21,10 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
     temperature_drivers,
 )
+from arl_fixtures.reconcile.effects_logged import step_mean
 from arl_fixtures.reconcile.view import View
+
+_FEWEST_STEPS = 5
 
 
 class ThermalRolloff(LightFactor):
@@ -64,7 +67,8 @@ class ThermalRolloff(LightFactor):
             for column in [name for name in columns if not name.startswith("laser_")][:1]:
                 low, high = view.span(column)
                 slope = amplitude("slope", "1/K", 0.0, 20.0 / (high - low), 0.2 / (high - low))
-                knee = shape("knee", "°C", low, high, low + 0.7 * (high - low))
+                highest = _warmest_knee(view, column)
+                knee = shape("knee", "°C", low, highest, min(low + 0.7 * (high - low), highest))
                 yield self._variant(view, channel, {"kind": "knee", "temperature": column}, (slope, knee), (column,))
 
     def _variant(
@@ -160,6 +164,13 @@ def _swept(view: View, current: str) -> bool:
     """Whether the current is driven through a range, rather than scattering about its set value."""
     low, high = view.span(current)
     return (high - low) > 0.3 * max(abs(high), abs(low))
+
+
+def _warmest_knee(view: View, column: str) -> float:
+    """Temperature above which two steps still lie: beyond it a knee would only say that one step is off."""
+    steps = np.unique(np.round(step_mean(View(view.columns), column), 2))
+    steps = steps[np.isfinite(steps)]
+    return float(steps[-3]) if steps.size >= _FEWEST_STEPS else view.span(column)[1]
 
 
 def _light_current(view: View, channel: str, current: str) -> tuple[FloatArray, FloatArray]:
