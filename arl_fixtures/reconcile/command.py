@@ -28,6 +28,8 @@ from arl_fixtures.reconcile.view import View
 from arl_fixtures.reconcile.visibility import invisible_effects
 
 CHUNK = 250_000
+SELF_CONTAINED = 300_000
+"""Rows of a table to predict above which it holds its own surroundings."""
 WRITING = 0.9
 """Share of the work that is done when the answer is known."""
 
@@ -102,7 +104,7 @@ def predict(model_dir: Path, table_path: Path, out_file: Path, progress: Progres
         own = columns.n
         names = [c.name for c in columns.channels if c.role is not Role.SCATTER]
         names += _scatter_channels(columns)
-        if context is not None:
+        if context is not None and own <= SELF_CONTAINED:
             columns = beside(columns, context)
         for start in range(0, own, CHUNK):
             part = np.arange(start, min(start + CHUNK, own))
