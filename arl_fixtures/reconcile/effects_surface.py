@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
-from arl_fixtures.reconcile.effects_common import FloatArray, per_table, per_view
+from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.effects_common import FloatArray, distances, per_table, per_view
 from arl_fixtures.reconcile.effects_pointing import footprint_share
 from arl_fixtures.reconcile.view import View
 
@@ -13,6 +16,7 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 _LEAST_SHARE = 0.005
+_LOOKED_AT, _APART, _BETWEEN = 20_000, 0.02, 0.02
 _MOST_SURFACES = 6
 
 
@@ -41,7 +45,7 @@ def mixed_rows(view: View) -> BoolArray:
 def neighbours(view: View, name: str) -> list[tuple[IntArray, FloatArray]]:
     """Surface codes and values of a numeric column at the neighbouring pixels and stage angles (−1 and NaN: none)."""
     found: list[tuple[IntArray, FloatArray]] = []
-    if view.varies("pixel_u") or view.varies("pixel_v"):
+    if view.has_image():
         for du, dv in ((-1, 0), (1, 0), (0, -1), (0, 1)):
             found.append((view.neighbour_codes("surface", du=du, dv=dv), view.neighbour_number(name, du=du, dv=dv)))
     if view.varies("stage_angle_deg"):
@@ -128,3 +132,89 @@ def borders(view: View) -> BoolArray:
         return at
 
     return per_view(view, "borders", make)
+
+
+def beyond_border(view: View, name: str) -> FloatArray:
+    """Simulated value beyond a border: of the neighbour with another surface that differs most from the row."""
+
+    def find() -> FloatArray:
+        own_code = view.codes("surface")[0]
+        own = view.number(f"sim_{name}")
+        best = np.full(view.n, np.nan)
+        for codes, values in neighbours(view, f"sim_{name}"):
+            candidate = np.where((codes >= 0) & (codes != own_code), values, np.nan)
+            further = np.abs(candidate - own) > np.abs(best - own)
+            best = np.where(np.isnan(best) | further, candidate, best)
+        return best
+
+    return per_view(view, ("across", name), find)
+
+
+def at_centre(view: View, name: str) -> FloatArray:
+    """Range of the surface at a pixel's centre: as the simulation says, else of the neighbour that shows it alone."""
+    if "true_range_m" in view.columns.numbers:
+        return view.number("true_range_m") * (1e3 if name.endswith("_mm") else 1.0)
+    own_code, own, across = view.codes("surface")[0], view.number(f"sim_{name}"), beyond_border(view, name)
+    best = np.full(view.n, np.nan)
+    for codes, values in neighbours(view, f"sim_{name}"):
+        candidate = np.where(codes == own_code, values, np.nan)
+        further = np.abs(candidate - across) > np.abs(best - across)
+        best = np.where(np.isnan(best) | further, candidate, best)
+    return np.where(np.isfinite(best), best, own)
+
+
+def pulled_channels(view: View) -> tuple[str, ...]:
+    """Distances that move when one of two surfaces in a pixel gets brighter."""
+    return tuple(name for name in distances(view) if _mixes_ranges(view, name)) if view.labels("surface") else ()
+
+
+def pull_ranges(view: View, state: State, channel: str, surface: str, factor: FloatArray) -> None:
+    """Move the distance of pixels that see two surfaces towards the one whose light was multiplied.
+
+    A distance that is the mean by light moves by (1 − 1/F) of the way to that surface, F being the change of the
+    pixel's whole light. Only where the simulation's own distance lies between the surfaces: another reports the range
+    of the middle ray, which no light moves.
+
+    Args:
+        view: rows under work.
+        state: its distances are replaced.
+        channel: signal that was multiplied; surface: whose light.
+        factor: of the signal on every row.
+    """
+    for name in pulled_channels(view):
+        at, there = per_view(view, ("pulled", channel, surface, name), partial(_pulled, view, channel, surface, name))
+        if at.size:
+            moved = state[name].copy()
+            moved[at] += (1.0 - 1.0 / np.maximum(factor[at], 1e-3)) * (there - moved[at])
+            state[name] = moved
+
+
+def _pulled(view: View, channel: str, surface: str, name: str) -> tuple[IntArray, FloatArray]:
+    """Rows that see a surface and another, and the range of the surface there."""
+    share, own = light_share(view, channel, surface), view.selects("surface", surface)
+    index = view.columns.categories["surface"][1].index(surface)
+    column = "true_range_m" if "true_range_m" in view.columns.numbers else f"sim_{name}"
+    unit = 1e3 if column == "true_range_m" and name.endswith("_mm") else 1.0
+    there = np.where(own, at_centre(view, name), np.nan)
+    for codes, values in neighbours(view, column):
+        there = np.where(np.isnan(there) & (codes == index), unit * values, there)
+    at = np.flatnonzero(mixed_rows(view) & (share > 0.0) & np.isfinite(there))
+    return at, there[at]
+
+
+def _mixes_ranges(view: View, name: str) -> bool:
+    """Whether the simulated distance of mixed pixels lies between those of their surfaces."""
+
+    def look() -> bool:
+        whole = View(view.columns)
+        mixed = np.flatnonzero(mixed_rows(whole))[:_LOOKED_AT]
+        if mixed.size == 0:
+            return False
+        centre, beyond, own = (
+            x[mixed] for x in (at_centre(whole, name), beyond_border(whole, name), whole.number(f"sim_{name}"))
+        )
+        apart = np.abs(beyond - centre) > _APART * np.abs(centre)
+        off = np.abs(own - centre)[apart] > _BETWEEN * np.abs(beyond - centre)[apart]
+        return bool(off.size and np.mean(off) > 0.2)
+
+    return per_table(view, ("mixes ranges", name), look)

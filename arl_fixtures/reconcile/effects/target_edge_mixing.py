@@ -16,7 +16,7 @@ from arl_fixtures.reconcile.effects_common import (
     set_light,
     shape,
 )
-from arl_fixtures.reconcile.effects_surface import borders, light_share, neighbours
+from arl_fixtures.reconcile.effects_surface import at_centre, beyond_border, borders, light_share
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
 
@@ -78,8 +78,8 @@ class EdgeMixing(Effect):
                 state[name] = state[name] + np.where(borders(view) & np.isfinite(moved), moved, 0.0)
             return
         channel = view.channel(Role.INTENSITY)
-        far = {name: _across(view, name) for name in distances(view)}
-        bright = _across(view, channel) if channel else np.ones(view.n)
+        far = {name: beyond_border(view, name) for name in distances(view)}
+        bright = beyond_border(view, channel) if channel else np.ones(view.n)
         own = state[channel] if channel else np.ones(view.n)
         at = borders(view) & np.isfinite(bright)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -127,28 +127,12 @@ class EdgeMixing(Effect):
         )
 
 
-def _across(view: View, name: str) -> FloatArray:
-    """Simulated value beyond a border: of the neighbour with another surface that differs most from the row."""
-
-    def find() -> FloatArray:
-        own_code = view.codes("surface")[0]
-        own = view.number(f"sim_{name}")
-        best = np.full(view.n, np.nan)
-        for codes, values in neighbours(view, f"sim_{name}"):
-            candidate = np.where((codes >= 0) & (codes != own_code), values, np.nan)
-            further = np.abs(candidate - own) > np.abs(best - own)
-            best = np.where(np.isnan(best) | further, candidate, best)
-        return best
-
-    return per_view(view, ("across", name), find)
-
-
 def _winner(view: View, name: str, kind: str) -> FloatArray:
     """Range of the surface that wins a border pixel: of the pixel's centre, or beyond the border."""
 
     def find() -> FloatArray:
-        own, beyond = view.number(f"sim_{name}"), _across(view, name)
-        centre = _inside(view, name)
+        own, beyond = view.number(f"sim_{name}"), beyond_border(view, name)
+        centre = at_centre(view, name)
         if kind == "nearest":
             return np.fmin(np.fmin(centre, beyond), own)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -160,7 +144,7 @@ def _winner(view: View, name: str, kind: str) -> FloatArray:
 
 def _peak(view: View, name: str, pulse_m: float, *, strongest: bool) -> FloatArray:
     """Peak of the centre's and the other side's Gaussian echoes: uphill from the stronger, or from the centre's."""
-    centre, beyond = _inside(view, name), _across(view, name)
+    centre, beyond = at_centre(view, name), beyond_border(view, name)
     width = pulse_m * (1e3 if name.endswith("_mm") else 1.0)
     at = np.flatnonzero(borders(view) & np.isfinite(centre) & np.isfinite(beyond))
     own = per_view(view, "own share", lambda: _own_share(view))[at]
@@ -185,16 +169,3 @@ def _own_share(view: View) -> FloatArray:
         if here.any():
             share[here] = light_share(view, channel, label)[here] if channel else 0.5
     return share
-
-
-def _inside(view: View, name: str) -> FloatArray:
-    """Range of the surface at a pixel's centre: as the simulation says, else of the neighbour that shows it alone."""
-    if "true_range_m" in view.columns.numbers:
-        return view.number("true_range_m") * (1e3 if name.endswith("_mm") else 1.0)
-    own_code, own, across = view.codes("surface")[0], view.number(f"sim_{name}"), _across(view, name)
-    best = np.full(view.n, np.nan)
-    for codes, values in neighbours(view, f"sim_{name}"):
-        candidate = np.where(codes == own_code, values, np.nan)
-        further = np.abs(candidate - across) > np.abs(best - across)
-        best = np.where(np.isnan(best) | further, candidate, best)
-    return np.where(np.isfinite(best), best, own)

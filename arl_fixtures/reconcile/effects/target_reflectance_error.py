@@ -4,9 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from arl_fixtures.reconcile.effect import Stage, Values, Variant
-from arl_fixtures.reconcile.effects_common import FloatArray, LightFactor, amplitude, light_channels, signals
-from arl_fixtures.reconcile.effects_surface import light_share, surface_names
+from arl_fixtures.reconcile.effect import Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_common import (
+    FloatArray,
+    LightFactor,
+    amplitude,
+    light_channels,
+    set_light,
+    signals,
+)
+from arl_fixtures.reconcile.effects_surface import light_share, pull_ranges, pulled_channels, surface_names
 from arl_fixtures.reconcile.view import View
 
 
@@ -26,7 +33,7 @@ class ReflectanceError(LightFactor):
                     effect=self.id,
                     options={"channel": channel, "surface": surface},
                     parameters=(amplitude("error", "1", -0.9, 4.0, 0.02),),
-                    channels=light_channels(view, channel),
+                    channels=tuple(dict.fromkeys((*light_channels(view, channel), *pulled_channels(view)))),
                     drivers=("surface",),
                     where={"surface": [surface]},
                 )
@@ -35,6 +42,12 @@ class ReflectanceError(LightFactor):
         """Brighter or darker by the surface's share of the light."""
         share = light_share(view, str(variant.options["channel"]), str(variant.options["surface"]))
         return 1.0 + float(values["error"]) * share
+
+    def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
+        """Multiplies the light; a pixel that sees another surface too ranges nearer to the brighter one."""
+        channel, factor = str(variant.options["channel"]), self.factor(variant, values, view)
+        set_light(view, state, channel, state[channel] * factor)
+        pull_ranges(view, state, channel, str(variant.options["surface"]), factor)
 
     def expression(self, variant: Variant) -> str:
         """The law."""

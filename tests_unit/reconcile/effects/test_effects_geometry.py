@@ -194,8 +194,10 @@ def test_a_brighter_surface_is_brighter_also_in_pixels_that_see_half_of_it():
     variant = variant_of(view, "target.reflectance_error", surface="stripe_50")
     assert left_over(view, corrected(view, variant, error=0.04), LIGHT) < 0.01
     mixed = view.selects("mixed", "true") & (np.abs(view.number(LIGHT) / view.sim[LIGHT] - 1.0) > 1e-6)
-    at_edges = corrected(view, variant, error=0.04)[LIGHT][mixed] / view.number(LIGHT)[mixed]
+    state = corrected(view, variant, error=0.04)
+    at_edges = state[LIGHT][mixed] / view.number(LIGHT)[mixed]
     assert np.abs(at_edges - 1.0).max() < 0.012
+    assert left_over(view, state, RANGE) < 0.2  # and nearer, as more of their light comes from the panel
 
 
 def test_surfaces_of_another_sign_of_rotation_are_found_from_the_table_itself():
