@@ -45,7 +45,7 @@ def mixed_rows(view: View) -> BoolArray:
 def neighbours(view: View, name: str) -> list[tuple[IntArray, FloatArray]]:
     """Surface codes and values of a numeric column at the neighbouring pixels and stage angles (−1 and NaN: none)."""
     found: list[tuple[IntArray, FloatArray]] = []
-    if view.has_image():
+    if view.varies("pixel_u") or view.varies("pixel_v"):
         for du, dv in ((-1, 0), (1, 0), (0, -1), (0, 1)):
             found.append((view.neighbour_codes("surface", du=du, dv=dv), view.neighbour_number(name, du=du, dv=dv)))
     if view.varies("stage_angle_deg"):

@@ -28,11 +28,6 @@ _REACH_PX = 3.0
 """How far from a place a pixel may lie to stand for one that the table does not hold: less than a target's width."""
 
 
-_RAYS = {"pixel_u": "azimuth_deg", "pixel_v": "elevation_deg"}
-_FEWEST_ON_LINE = 3
-"""Rows on each line of a scanner's grid of rays, on average, below which there is no grid."""
-
-
 class View:
     """Rows of a table, as effects see them.
 
@@ -284,29 +279,10 @@ class View:
             self._places[du, dv] = self._image_place(u + du, v + dv)
         return self._places[du, dv]
 
-    def has_image(self) -> bool:
-        """Whether rows have neighbours in an image: by their pixels, else by the grid of a scanner's rays."""
-        return any(self.varies(n) or self._scan_line(n) is not None for n in _PIXEL)
-
     def _whole_axis(self, name: str) -> FloatArray:
-        """Pixel column or row of the whole table; places on a scanner's grid of rays; 0 where a line has none."""
+        """Pixel column or row of the whole table; 0 where a line sensor has none."""
         values = self.columns.numbers.get(name)
-        if values is None or not np.isfinite(values).any():
-            values = self._scan_line(name)
-        return np.zeros(self.columns.n) if values is None else values
-
-    def _scan_line(self, name: str) -> FloatArray | None:
-        """Number of each row's azimuth or elevation among those of the table, where there are few of them."""
-        ray = self.columns.numbers.get(_RAYS[name])
-        if set(_PIXEL) & set(self.columns.numbers) or ray is None or not np.isfinite(ray).all():
-            return None
-        key = ("scan line", name)
-        if key not in self.columns.memo:
-            known, place = np.unique(np.round(ray, 4), return_inverse=True)
-            few = 1 < known.size <= self.columns.n / _FEWEST_ON_LINE
-            self.columns.memo[key] = place.astype(np.float64) if few else None
-        found: FloatArray | None = self.columns.memo[key]
-        return found
+        return np.zeros(self.columns.n) if values is None or not np.isfinite(values).any() else values
 
     def _image_place(self, u: FloatArray, v: FloatArray, *, near: bool = False) -> IntArray:
         """Whole-table row of pixel (u, v) in each row's own image; −1 where there is none (`near`: none close by)."""

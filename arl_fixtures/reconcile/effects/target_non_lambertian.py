@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Option, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effect import Option, Stage, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     LightFactor,
@@ -15,11 +15,10 @@ from arl_fixtures.reconcile.effects_common import (
     light_channels,
     per_view,
     percent,
-    set_light,
     shape,
     signals,
 )
-from arl_fixtures.reconcile.effects_surface import light_share, pull_ranges, pulled_channels, surface_names
+from arl_fixtures.reconcile.effects_surface import light_share, surface_names
 from arl_fixtures.reconcile.pixel_calibration import calibrated_by_surface
 from arl_fixtures.reconcile.view import View
 
@@ -55,9 +54,7 @@ class NonLambertian(LightFactor):
                         amplitude("lobe", "1", -0.5, 5.0, 0.05),
                         shape("sharpness", "1", 1.0, 200.0, 12.0),
                     ),
-                    channels=tuple(
-                        dict.fromkeys((*light_channels(view, channel), *(pulled_channels(view) if surface else ())))
-                    ),
+                    channels=light_channels(view, channel),
                     drivers=("incidence_deg",),
                     where={"surface": [surface]} if surface else {},
                 )
@@ -72,14 +69,6 @@ class NonLambertian(LightFactor):
         if surface:
             bright = bright * light_share(view, str(variant.options["channel"]), surface)
         return np.maximum(1.0 + bright, 0.02)
-
-    def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
-        """Multiplies the light; a pixel that sees another surface too ranges nearer to the brighter one."""
-        channel, surface = str(variant.options["channel"]), str(variant.options["surface"])
-        factor = self.factor(variant, values, view)
-        set_light(view, state, channel, state[channel] * factor)
-        if surface:
-            pull_ranges(view, state, channel, surface, factor)
 
     def _mean_on_surfaces(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """What a fit of each surface's reflectance to the recording took away; 0 on surfaces that were not in it."""
