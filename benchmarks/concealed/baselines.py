@@ -267,7 +267,7 @@ def main() -> None:
     print("\n".join(lines))
     if given.docs:
         given.docs.write_text(
-            given.docs.read_text() + "\n## Baselines on the same cases\n\n" + "\n".join(lines) + "\n"
+            (given.docs.read_text() if given.docs.exists() else "") + "\n## Baselines on the same cases\n\n" + "\n".join(lines) + "\n"
         )
 
 
