@@ -266,9 +266,8 @@ def main() -> None:
     lines += ["", *_beaten(results)]
     print("\n".join(lines))
     if given.docs:
-        given.docs.write_text(
-            (given.docs.read_text() if given.docs.exists() else "") + "\n## Baselines on the same cases\n\n" + "\n".join(lines) + "\n"
-        )
+        before = given.docs.read_text() if given.docs.exists() else ""
+        given.docs.write_text(before + "\n## Baselines on the same cases\n\n" + "\n".join(lines) + "\n")
 
 
 def _beaten(results: dict[str, list[dict[str, Any]]]) -> list[str]:
