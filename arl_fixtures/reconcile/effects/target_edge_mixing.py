@@ -160,7 +160,7 @@ def _peak(view: View, name: str, pulse_m: float, *, strongest: bool) -> FloatArr
 
 
 def _own_share(view: View) -> FloatArray:
-    """Share of a pixel's light that comes from the surface at its centre."""
+    """Share of a pixel's light that comes from the surface at its centre; half where no signal tells."""
     channel = view.channel(Role.INTENSITY)
     codes, labels = view.codes("surface")
     share = np.ones(view.n)

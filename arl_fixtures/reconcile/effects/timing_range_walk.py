@@ -90,9 +90,10 @@ class RangeWalk(Effect):
         low, high = np.nanquantile(light, [0.05, 0.95])
         ends = np.clip(np.array([low, high]) / float(variant.options["reference"]), 1e-3, 1e4)
         change = float(values["walk"]) * float(-np.diff(_walk(ends, values))[0])
+        digits = ".3g" if signal == RETURN else ".0f"
         return (
-            f"Weak returns ({signal} {low:.3g}) are ranged {in_mm(change, distance):+.2f} mm against strong ones "
-            f"({high:.3g})."
+            f"Weak returns ({signal} {low:{digits}}) are ranged {in_mm(change, distance):+.2f} mm against strong ones "
+            f"({high:{digits}})."
         )
 
     def next_experiment(self, variant: Variant) -> str:
