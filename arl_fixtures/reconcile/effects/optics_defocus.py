@@ -52,7 +52,7 @@ class Defocus(Effect):
         kinds: tuple[str, ...] = ("image",)
         if bench_of(view) is not None:
             kinds = ("rays", "image")
-        elif scene(view) is not None and view.varies("stage_angle_deg") and view.varies("azimuth_deg"):
+        elif scene(view) is not None and all(map(view.varies, ("stage_angle_deg", "azimuth_deg", "pixel_u"))):
             kinds = ("scene", "image")
         for channel in signals(view):
             for column, kind in itertools.product(("", *columns), kinds):

@@ -92,8 +92,8 @@ class RangeWalk(Effect):
         change = float(values["walk"]) * float(-np.diff(_walk(ends, values))[0])
         digits = ".3g" if signal == RETURN else ".0f"
         return (
-            f"Weak returns ({signal} {low:{digits}}) are ranged {in_mm(change, distance):+.2f} mm against strong ones "
-            f"({high:{digits}})."
+            f"Weak returns ({signal} {low:{digits}}) are ranged {in_mm(change, distance):+.2f} mm against strong "
+            f"ones ({high:{digits}})."
         )
 
     def next_experiment(self, variant: Variant) -> str:
