@@ -68,6 +68,14 @@ def test_rows_of_one_step_or_angle_are_predicted_from_what_was_around_them(
     assert told[1] < 0.1
 
 
+def test_no_context_of_an_earlier_answer_is_left_beside_a_new_one(tmp_path, make_table, save):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / CONTEXT_FILE).write_bytes(b"of another table")
+    assert reconcile(save(tmp_path / "t.parquet", make_table(1, duts=1, steps=6)), out).verdict == "consistent"
+    assert not (out / CONTEXT_FILE).exists()
+
+
 def kept(folder, table):
     write_context(folder / CONTEXT_FILE, columns_of(pa.table(table)))
     return read_context(folder)
