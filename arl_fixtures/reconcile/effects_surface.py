@@ -67,12 +67,17 @@ def light_share(view: View, channel: str, surface: str) -> FloatArray:
     def make() -> FloatArray:
         share = view.selects("surface", surface).astype(float)
         mixed = np.flatnonzero(mixed_rows(view))
-        if mixed.size == 0:
+        if mixed.size == 0 or not _is_seen(view, surface):
             return share
         share[mixed] = _share_by_bearing(view, channel, surface, mixed)
         return share
 
     return per_view(view, ("light share", channel, surface), make)
+
+
+def _is_seen(view: View, surface: str) -> bool:
+    """Whether the table has the surface at all: rows to predict may lie on others only."""
+    return surface in view.columns.categories["surface"][1]
 
 
 def _share_by_bearing(view: View, channel: str, surface: str, mixed: IntArray) -> FloatArray:
@@ -181,7 +186,7 @@ def pull_ranges(view: View, state: State, channel: str, surface: str, factor: Fl
         channel: signal that was multiplied; surface: whose light.
         factor: of the signal on every row.
     """
-    for name in pulled_channels(view):
+    for name in pulled_channels(view) if _is_seen(view, surface) else ():
         at, there = per_view(view, ("pulled", channel, surface, name), partial(_pulled, view, channel, surface, name))
         if at.size:
             moved = state[name].copy()

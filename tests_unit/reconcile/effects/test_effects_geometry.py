@@ -200,6 +200,16 @@ def test_a_brighter_surface_is_brighter_also_in_pixels_that_see_half_of_it():
     assert left_over(view, state, RANGE) < 0.2  # and nearer, as more of their light comes from the panel
 
 
+def test_rows_that_see_other_surfaces_only_are_left_as_they_are():
+    variant = variant_of(View(bench(columns=(52, 76))), "target.reflectance_error", surface="stripe_18")
+    columns = bench(columns=(52, 76))
+    codes, labels = columns.categories["surface"]
+    columns.categories["surface"] = codes, tuple("another" if label == "stripe_18" else label for label in labels)
+    view = View(columns)
+    state = corrected(view, variant, error=0.1)
+    assert all(np.array_equal(state[name], view.sim[name]) for name in (LIGHT, RANGE))
+
+
 def test_surfaces_of_another_sign_of_rotation_are_found_from_the_table_itself():
     columns = bench(Camera(yaw_deg=0.1))
     columns.numbers["stage_angle_deg"] = -columns.numbers["stage_angle_deg"]  # counter-clockwise positive
