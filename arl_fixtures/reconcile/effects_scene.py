@@ -135,12 +135,17 @@ def _patchy(line: IntArray, bearing: FloatArray, light: FloatArray, bend: FloatA
         inner = (code[2:] == code[:-2]) & (x[2:] > x[:-2])
         share = (x[1:-1] - x[:-2]) / np.where(inner, x[2:] - x[:-2], 1.0)
         off[1:-1] = np.where(inner, np.abs(y[1:-1] - y[:-2] - share * (y[2:] - y[:-2])), 0.0)
-    near = np.ones(_NEAR) / _NEAR
-    own = _WORSE * np.convolve(np.abs(bend[order][first]), near, mode="same")
-    rough = np.convolve(off, near, mode="same") > np.maximum(own, _ROUGH * np.convolve(level, near, mode="same"))
+    own = _WORSE * _smoothed(np.abs(bend[order][first]))
+    rough = _smoothed(off) > np.maximum(own, _ROUGH * _smoothed(level))
     patchy = np.zeros(light.size, dtype=bool)
     patchy[order] = np.repeat(rough, count)
     return patchy
+
+
+def _smoothed(values: FloatArray) -> FloatArray:
+    """Mean over `_NEAR` samples, zeros beyond the ends; a sweep may hold fewer samples than are averaged."""
+    half = _NEAR // 2
+    return np.asarray(np.convolve(values, np.full(_NEAR, 1.0 / _NEAR))[half : half + values.size])
 
 
 def _first_of(code: IntArray, values: IntArray) -> IntArray:

@@ -216,3 +216,11 @@ def test_surfaces_of_another_sign_of_rotation_are_found_from_the_table_itself():
     view = View(columns)
     state = corrected(view, variant_of(view, "stage.zero_offset"), zero=-0.1)
     assert left_over(view, state, LIGHT) < 0.02
+
+
+def test_a_sweep_of_few_angles_has_a_scene():
+    """One pixel that a stage turns to seven bearings: fewer samples than the scene is smoothed over."""
+    view = rendered(Camera(yaw_deg=0.3), columns=(63, 64), rows=(15, 16), angles=(-9.0, 9.0, 7), steps=1)
+    state = corrected(view, variant_of(view, "stage.zero_offset"), zero=0.3)
+    assert left_over(view, state, LIGHT) < 1.0
+    assert np.isfinite(state[RANGE]).all()
