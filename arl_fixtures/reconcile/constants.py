@@ -59,7 +59,7 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
 
 def _plain(d: ChannelData, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Constants of the units and their errors under the channel's noise."""
-    return d.constants_of(d.whitener(residual)), 1.0 / np.sqrt(d.intercept_weight)
+    return d.constants(residual), d.constant_errors
 
 
 def _means(d: ChannelData, residual: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -236,7 +236,7 @@ class _Maker:
 def _part(d: ChannelData, state: State, fold: int, *, centred: bool = False) -> float:
     residual = d.residual(state)
     if centred and d.calibrated:
-        residual = residual - d.scale * d.constants_of(d.whitener(residual))[d.unit]
+        residual = residual - d.scale * d.constants(residual)[d.unit]
     here = d.fold == fold
     return float(np.sum((d.trust * (residual / d.stated) ** 2)[here]) / max(float(np.sum(d.trust[here])), 1e-12))
 
@@ -245,7 +245,7 @@ def _outliers(d: ChannelData, state: State) -> str:
     """A sentence about the few rows that make most of a mean square, empty where none do."""
     residual = d.residual(state)
     if d.calibrated:
-        residual = residual - d.scale * d.constants_of(d.whitener(residual))[d.unit]
+        residual = residual - d.scale * d.constants(residual)[d.unit]
     power = (residual / (d.stated * d.spread)) ** 2
     far = power > FAR_Z**2
     if not 0 < far.sum() < FEW * len(far) or power[far].sum() < 0.5 * power.sum():

@@ -132,7 +132,7 @@ def shared_part(data: ChannelData, residual: FloatArray) -> FloatArray:
     """
     total = np.zeros(len(residual))
     if data.calibrated:
-        total = data.scale * data.constants_of(data.whitener(residual))[data.unit]
+        total = data.scale * data.constants(residual)[data.unit]
     weight = data.root_weight**2
     for name in ("step", "frame"):
         for level in (level for level in data.levels if level.name == name):

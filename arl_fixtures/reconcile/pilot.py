@@ -112,7 +112,7 @@ class Looker:
     def _centred(self, data: ChannelData, residual: FloatArray) -> FloatArray:
         """Without the units' constants, and the means of what holding out does not test: steps or images."""
         if data.calibrated:
-            residual = residual - data.scale * data.constants_of(data.whitener(residual))[data.unit]
+            residual = residual - data.scale * data.constants(residual)[data.unit]
         alike = self.problem.groups.unseen_alike
         if alike is not None:
             code = alike[self.problem.view.rows[data.use]]

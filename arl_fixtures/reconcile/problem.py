@@ -11,6 +11,7 @@ from scipy.special import gammaln
 from arl_fixtures.reconcile.columns import Channel, Columns, FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.grouping import Groups, find_groups
+from arl_fixtures.reconcile.mixed_model import UnitConstants
 from arl_fixtures.reconcile.noise import Level, Whitener, fit_tau, surprise
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
@@ -41,7 +42,6 @@ class ChannelData:
         free_constant: whether a constant per unit may be fitted (where the role knows calibration at all).
         whitener: of the present scatters.
         intercept: whitened direction of the units' constants, (n,), or (units, n) where units share groups.
-        intercept_weight: inverse variance of each constant.
         stated_known: whether the simulation states its noise.
         expect: expected measurement over the true value, 1 except for scatters of few frames.
     """
@@ -66,7 +66,8 @@ class ChannelData:
     tails: float = 1.0
     whitener: Whitener = field(init=False)
     intercept: FloatArray = field(init=False)
-    intercept_weight: FloatArray = field(init=False)
+    _intercept_weight: FloatArray = field(init=False)
+    _exact: UnitConstants | None = field(init=False, default=None)
     _inverse: FloatArray = field(init=False)
     _units_share: bool = field(init=False)
 
@@ -92,6 +93,7 @@ class ChannelData:
         """Make the whitener anew for other scatters, weights or spread."""
         self.tau = dict(tau)
         self.whitener = Whitener(self.root_weight, self.levels, self.tau)
+        self._exact = None
         if self.calibrated:
             self._prepare_constants()
 
@@ -100,28 +102,42 @@ class ChannelData:
         if not self._units_share:
             self.intercept = self.whitener(self.scale)
             weight = np.bincount(self.unit, self.intercept**2, minlength=self.units)
-            self.intercept_weight = np.where(weight > 0, weight, np.inf)
+            self._intercept_weight = np.where(weight > 0, weight, np.inf)
             return
         self.intercept = self.whitener(np.where(self.unit == np.arange(self.units)[:, None], self.scale, 0.0))
         gram = self.intercept @ self.intercept.T
         self._inverse = np.asarray(np.linalg.pinv(gram, rcond=1e-9, hermitian=True), dtype=np.float64)
-        variance = np.diag(self._inverse)
-        self.intercept_weight = np.where(variance > 0, 1.0 / np.maximum(variance, 1e-300), np.inf)
 
     def whiten(self, x: FloatArray) -> FloatArray:
         """Independent unit variables, without what a constant per unit explains."""
         z = self.whitener(x)
         if self.calibrated:
-            constants = self.constants_of(z)
+            constants = self._explained(z)
             z = z - (constants @ self.intercept if self._units_share else self.intercept * constants[self.unit])
         return z
 
-    def constants_of(self, whitened: FloatArray) -> FloatArray:
-        """Fitted gain or offset of each unit from a whitened residual."""
+    def _explained(self, whitened: FloatArray) -> FloatArray:
+        """Constant of each unit that leaves least of a whitened residual."""
         if self._units_share:
             return np.asarray(self._inverse @ (self.intercept @ whitened), dtype=np.float64)
         total = np.bincount(self.unit, self.intercept * whitened, minlength=self.units)
-        return np.asarray(total / self.intercept_weight, dtype=np.float64)
+        return np.asarray(total / self._intercept_weight, dtype=np.float64)
+
+    @property
+    def _constants(self) -> UnitConstants:
+        if self._exact is None:  # whitening is approximate where groups cross, and its constants off by many errors
+            weight, tau = self.root_weight, self.whitener.tau
+            self._exact = UnitConstants(weight, self.unit, self.units, self.scale, self.levels, tau)
+        return self._exact
+
+    def constants(self, residual: FloatArray) -> FloatArray:
+        """Gain or offset of each unit in a residual, (units,)."""
+        return self._constants.of(residual)
+
+    @property
+    def constant_errors(self) -> FloatArray:
+        """Standard error of each unit's gain or offset, (units,); infinite where no row tells of it."""
+        return self._constants.errors
 
     def residual(self, state: State) -> FloatArray:
         """Measured − corrected simulation."""
@@ -322,7 +338,7 @@ def carry_gains(problem: Problem, state: State) -> None:
         parent = next((p for p in problem.data if p.calibrated and p.channel.role is Role.INTENSITY), None)
         if d.channel.role is not Role.SCATTER or parent is None:
             continue
-        gains = parent.constants_of(parent.whitener(parent.residual(state)))
+        gains = parent.constants(parent.residual(state))
         by_row = np.zeros(problem.view.n)
         by_row[parent.use] = gains[parent.unit]
         signal = np.log(np.maximum(problem.view.sim[parent.channel.name][d.use], 1e-12))

@@ -380,9 +380,7 @@ def _simplest(ranked: Ranked) -> tuple[int, float, str]:
 
 def constant_z(d: ChannelData, state: State) -> float:
     """Largest significance of a unit's constant gain or offset."""
-    values = d.constants_of(d.whitener(d.residual(state)))
-    weight = np.where(np.isfinite(d.intercept_weight), d.intercept_weight, 0.0)
-    return float(np.max(np.abs(values) * np.sqrt(weight)))
+    return float(np.max(np.abs(d.constants(d.residual(state))) / d.constant_errors))
 
 
 def shortlist(candidates: Sequence[Candidate], size: int = SHORTLIST, per_effect: int = 2) -> list[Candidate]:
