@@ -25,6 +25,8 @@ from arl_fixtures.reconcile.effects_logged import step_mean
 from arl_fixtures.reconcile.view import View
 
 _FEWEST_STEPS = 5
+_END = 0.1
+"""Share of the currents at each end whose straight line continues the curve."""
 
 
 class ThermalRolloff(LightFactor):
@@ -109,7 +111,7 @@ class ThermalRolloff(LightFactor):
             drive = view.number(current)
             shift = values["threshold_shift"] * np.nan_to_num(view.number(column) - values["reference"])
             knots, curve = _light_current(view, channel, current)
-            moved = np.interp(drive - shift, knots, curve) - np.interp(drive, knots, curve)
+            moved = _continued(drive - shift, knots, curve) - _continued(drive, knots, curve)
             light = light + np.nan_to_num(moved)
         set_light(view, state, channel, light * self.factor(variant, values, view))
 
@@ -180,7 +182,7 @@ def _light_current(view: View, channel: str, current: str) -> tuple[FloatArray, 
         drive, light = view.columns.numbers[current], view.columns.numbers[f"sim_{channel}"]
         good = np.isfinite(drive) & np.isfinite(light)
         low, high = view.span(current)
-        bins = np.rint((drive[good] - low) / (high - low) * 2000.0).astype(np.int64)
+        bins = np.rint((drive[good] - low) / max(high - low, 1e-300) * 2000.0).astype(np.int64)
         count = np.bincount(bins, minlength=2001)
         used = count > 0
         return (
@@ -189,3 +191,28 @@ def _light_current(view: View, channel: str, current: str) -> tuple[FloatArray, 
         )
 
     return per_table(view, ("light-current", channel, current), make)
+
+
+def _continued(drive: FloatArray, knots: FloatArray, curve: FloatArray) -> FloatArray:
+    """The light-current curve at any drive current (A): beyond its ends straight on, not below no light.
+
+    The threshold of a laser that is driven well above it moves the curve by more than the lowest current: held at its
+    end, the curve would not move there at all.
+    """
+    light = np.interp(drive, knots, curve)
+    if knots.size < 2:
+        return light
+    below = _end_slope(knots - knots[0], curve) * np.minimum(drive - knots[0], 0.0)
+    above = _end_slope((knots[-1] - knots)[::-1], curve[::-1]) * np.minimum(knots[-1] - drive, 0.0)
+    # a laser below its threshold gives none, whatever the straight line says
+    return np.asarray(np.maximum(light + below + above, min(float(curve.min()), 0.0)))
+
+
+def _end_slope(away: FloatArray, curve: FloatArray) -> float:
+    """Slope of a curve at its end, by the distance from it; over levels that lie apart, not within the first one."""
+    wide = _END * float(away[-1])
+    near = away <= wide
+    if away[near][-1] < 0.5 * wide:
+        near = away <= away[~near][0] + wide
+    centred = away[near] - away[near].mean()
+    return float(centred @ curve[near]) / float(centred @ centred)
