@@ -24,6 +24,8 @@ _SMALLEST = 1e-300
 def calibrated_by_pixel(table: Columns, channel: str) -> bool:
     """Whether each pixel's mean of a channel agrees better with its simulation than its noise allows.
 
+    A pixel of each device, or the same pixel of all devices together.
+
     Args:
         table: whole table.
         channel: an intensity or a distance.
@@ -33,9 +35,10 @@ def calibrated_by_pixel(table: Columns, channel: str) -> bool:
     """
     key = ("calibrated by pixel", channel)
     if key not in table.memo:
-        pixels = "pixel_u" in table.numbers
-        table.memo[key] = (
-            pixels and _apart(table, channel, ("pixel_u", "pixel_v"), FEWEST_PIXELS, FEWEST_ROWS) < CLOSER
+        # each device by a table of its own, or all of them by one: then only their pixels' common mean agrees
+        table.memo[key] = "pixel_u" in table.numbers and any(
+            _apart(table, channel, (*unit, "pixel_u", "pixel_v"), FEWEST_PIXELS, FEWEST_ROWS) < CLOSER
+            for unit in ((("dut",), ()) if _has_devices(table) else ((),))
         )
     return bool(table.memo[key])
 
@@ -50,9 +53,13 @@ def calibrated_by_surface(table: Columns, channel: str) -> bool:
     key = ("calibrated by surface", channel)
     if key not in table.memo:
         surfaces = "surface" in table.categories
-        apart = _apart(table, channel, ("surface",), FEWEST_SURFACES, ROWS_OF_SURFACE) if surfaces else np.inf
+        apart = _apart(table, channel, ("dut", "surface"), FEWEST_SURFACES, ROWS_OF_SURFACE) if surfaces else np.inf
         table.memo[key] = apart < MUCH_CLOSER
     return bool(table.memo[key])
+
+
+def _has_devices(table: Columns) -> bool:
+    return "dut" in table.categories and len(table.categories["dut"][1]) > 1
 
 
 def is_calibrated_by_pixel(table: Columns) -> bool:
@@ -69,7 +76,7 @@ def _apart(table: Columns, channel: str, columns: tuple[str, ...], fewest: int, 
     measured, simulated = table.numbers[channel], table.numbers[f"sim_{channel}"]
     frames = np.maximum(np.nan_to_num(table.numbers.get("n_frames", np.ones(table.n)), nan=1.0), 1.0)
     scale = np.abs(simulated) if entry.role is Role.INTENSITY else np.ones(table.n)
-    group = table.group("dut", *columns)
+    group = table.group(*columns)
     good = np.isfinite(measured) & np.isfinite(simulated) & np.isfinite(spread) & (spread > 0.0) & (scale > 0.0)
     if not good.any():
         return np.inf

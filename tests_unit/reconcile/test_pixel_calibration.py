@@ -54,3 +54,31 @@ def test_a_beam_that_narrows_is_named_alone_after_pixels_were_calibrated_on_it()
     findings = diagnose(aged_table(3, narrowing=0.006, by_pixel=True))[0].findings
     assert [f.effect for f in findings] == ["beam.profile_change"]
     assert findings[0].drivers[0] == "cycle"
+
+
+def units_table(seed, *, gains, common):
+    """Three devices whose pixels differ; the simulation's pixels bear one table for all of them, or none."""
+    rng = np.random.default_rng(seed)
+    dut, step, angle, u, v = (
+        a.ravel().astype(float) for a in np.meshgrid(*(np.arange(n) for n in (3, 4, 3, 10, 5)), indexing="ij")
+    )
+    pixel, unit = (u * 5 + v).astype(int), (dut * 50 + u * 5 + v).astype(int)
+    simulated = 800.0 + 300.0 * np.cos(0.7 * u + angle)
+    sigma = np.hypot(6.0, 0.02 * simulated)
+    response = 1.0 + gains * rng.normal(size=150)[unit]
+    measured = simulated * response + sigma / np.sqrt(10.0) * rng.normal(size=dut.size)
+    if common:
+        weight = (simulated / sigma) ** 2
+        gain = np.bincount(pixel, weight * measured / simulated) / np.bincount(pixel, weight)
+        simulated, sigma = simulated * gain[pixel], sigma * gain[pixel]
+    return columns_of(pa.table({
+        "dut": np.array(["A", "B", "C"])[dut.astype(int)], "step": step, "stage_angle_deg": 7.0 * angle,
+        "pixel_u": u, "pixel_v": v, "n_frames": np.full(dut.size, 10.0), "intensity_counts": measured,
+        "sim_intensity_counts": simulated, "sim_intensity_counts_std": sigma,
+    }))  # fmt: skip
+
+
+@pytest.mark.parametrize("gains", [0.0, 0.02])
+@pytest.mark.parametrize("common", [True, False])
+def test_one_calibration_of_pixels_for_all_devices_is_told_as_well(gains, common):
+    assert calibrated_by_pixel(units_table(5, gains=gains, common=common), "intensity_counts") == common
