@@ -55,6 +55,10 @@ from arl_fixtures.reconcile.terms import Term, forward
 
 STRUCTURE_Z, STRUCTURE_GAIN = 3.7, 12.0
 """A physics-free model must gain this much on unseen blocks before there is said to be a mismatch at all."""
+TREES_ALONE = 1.5
+"""How much more it must gain where neither a place nor a law is found in what it predicts."""
+LEAST_ENERGY = 1.0
+"""Squared standard errors by which an effect must move a channel to act in it."""
 LEFT_SHARE = 0.25
 """Largest share of a channel's mismatch that may stay predictable under a name."""
 UNKNOWN_SHARE = 0.08
@@ -73,12 +77,6 @@ def is_structure(seen: Structure) -> bool:
     return seen.z > LEAST_Z and seen.gain > STRUCTURE_GAIN * max(1.0, (STRUCTURE_Z / seen.z) ** 2)
 
 
-def _important(seen: Structure) -> list[str]:
-    """Columns by which a physics-free model splits most."""
-    order = sorted(seen.ceiling.importance.items(), key=lambda kv: -kv[1])
-    return [name for name, share in order[:5] if share > 0.05]
-
-
 class Decision:
     """Findings of one search.
 
@@ -89,7 +87,8 @@ class Decision:
     """
 
     def __init__(self, search: Search, found: Found, effects: Sequence[Effect]) -> None:
-        self.search, self.found, self.effects = search, found, effects
+        self.search, self.found = search, found
+        self.effects = [effect for effect in effects if effect.id not in search.failed]
         self.problem: Problem = found.problem
         bring_back(self.problem)
         self.best: Fit = found.best
@@ -136,7 +135,7 @@ class Decision:
         return state
 
     def _add_patterns(self) -> None:
-        for pattern in find_patterns(self.problem, self.effects, self.best.terms, self.search.failed)[:2]:
+        for pattern in find_patterns(self.problem, self.effects, self.best.terms)[:2]:
             calibration = is_calibration(self.problem, pattern, self.best.terms)
             shares = [share_beside(self.problem, self.best.terms, t) for t in self.best.terms
                       if set(t.variant.channels) & set(pattern.term.variant.channels)]  # fmt: skip
@@ -233,7 +232,7 @@ class Decision:
             if moved[name] is not base[name]:
                 z = d.whiten(d.expect * (moved[name] - base[name])[d.use])
                 energy[name] = float(z @ z)
-        return energy
+        return {name: value for name, value in energy.items() if value > LEAST_ENERGY}
 
     def _find_laws(self) -> None:
         state = forward(self.terms, self.problem.view)
@@ -319,7 +318,7 @@ class Decision:
         """Columns that matter most to a channel's mismatch, with names and without."""
         before, after = self.found.before[d.channel.name], self.after[d.channel.name]
         drivers = [c for t in self.best.terms for c in t.variant.drivers if c in self.found.looker.features]
-        return list(dict.fromkeys([*_important(before)[:3], *_important(after)[:2], *drivers]))
+        return list(dict.fromkeys([*before.leading()[:3], *after.leading()[:2], *drivers]))
 
     def _law_of(self, d: ChannelData, state: State, left: Structure) -> Law | None:
         """Law of what is left in a channel: of functions, else of tables where they stand out, else of trees."""
@@ -327,7 +326,7 @@ class Decision:
         place = locate(looker, d, state)
         if not (certain or place) and (d.channel.role is Role.SCATTER or not np.any(d.residual(state))):
             return None
-        leading = [*(place.columns if place else []), *_important(left)]
+        leading = [*(place.columns if place else []), *left.leading()]
         law, chosen = search_law(looker, d, state, leading)
         if not (certain or place or is_law(chosen)):
             return None
@@ -338,9 +337,11 @@ class Decision:
             else:  # what every step has anew: it has a place, but no law
                 law.drivers = list(dict.fromkeys([*place.columns, *law.drivers]))
                 law.gain = max(law.gain, place.gain)
+        if not law.terms and place is None and left.gain < TREES_ALONE * STRUCTURE_GAIN:
+            return None
         if certain:
             add_trees(law, looker, d, state, left)
-            law.drivers = law.drivers or _important(left)[:3]
+            law.drivers = law.drivers or left.leading()[:3]
             law.gain = max(law.gain, left.gain)
         return law if law.drivers else None
 

@@ -23,7 +23,8 @@ class Chosen:
         held: log-likelihood gained on unseen blocks.
         z: its significance over blocks.
         inside: the same on the rows of the fit itself.
-        left: whitened residual; freedom: parameters that the fit used up, and what their choice is worth.
+        left: whitened residual.
+        likelier: gain of the channel's likelihood, less `cost`.
     """
 
     terms: list[Candidate] = field(default_factory=list)
@@ -32,9 +33,12 @@ class Chosen:
     held: float = 0.0
     z: float = 0.0
     left: FloatArray = field(default_factory=lambda: np.zeros(0))
-    freedom: float = 0.0
     inside: float = 0.0
     likelier: float = 0.0
+
+    def cost(self) -> float:
+        """Log-likelihood that the terms must bring: what their coefficients pay, and what choosing them is worth."""
+        return sum(_paid(t, v) + t.basis.price for t, v in zip(self.terms, self.values, strict=True))
 
 
 def joint(work: Work, terms: list[Candidate]) -> Chosen:
@@ -55,8 +59,20 @@ def joint(work: Work, terms: list[Candidate]) -> Chosen:
         terms=terms, values=np.split(values, split), errors=np.split(errors, split), held=float(gains.sum()),
         z=float(gains.sum()) / spread if spread > 0 else 0.0, left=left,
         inside=0.5 * float(work.residual @ work.residual - left @ left),
-        freedom=float(np.trace(inverse @ gram)) + sum(t.basis.price for t in terms),
     )  # fmt: skip
+
+
+def _paid(term: Candidate, values: FloatArray) -> float:
+    """What fitted coefficients take from the likelihood at their best: one each, or as much as their prior asks.
+
+    With the prior N(0, S) the marginal likelihood is the one at the fit less ½·log|1 + S·G| and ½·v'S⁻¹v, G the sums
+    of products of the functions (MacKay, Neural Computation 4 (1992) 415: the Occam factor).
+    """
+    if term.basis.prior is None or not term.width > 0:
+        return float(len(values))
+    covariance = term.width**2 * (term.basis.prior + 1e-9 * np.eye(len(values)))
+    spread = np.linalg.slogdet(np.eye(len(values)) + covariance @ term.gram)[1]
+    return 0.5 * float(spread + values @ np.linalg.solve(covariance, values))
 
 
 def _stacked(terms: list[Candidate]) -> tuple[FloatArray, FloatArray]:

@@ -124,7 +124,7 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
             continue
         corrected = state[data.channel.name] + trial.correction(looker.features, state[data.channel.name])
         after, _ = data.fit_scatter(data.measured - data.expect * corrected[data.use])
-        found.likelier = after - before - found.freedom
+        found.likelier = after - before - found.cost()
         stands, stood = is_law(found), is_law(chosen)  # what only fits gives way to what foretells
         least = chosen.likelier + START_GAIN if chosen.terms and stands == stood else 0.0
         if found.likelier > least and stands >= stood:

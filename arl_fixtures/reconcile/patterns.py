@@ -8,7 +8,7 @@ exceeds the scatter of a single frame.
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,15 +44,11 @@ class Pattern:
     size: float
 
 
-def find_patterns(
-    problem: Problem, effects: Sequence[Effect], terms: Sequence[Term], failed: Container[str] = ()
-) -> list[Pattern]:
+def find_patterns(problem: Problem, effects: Sequence[Effect], terms: Sequence[Term]) -> list[Pattern]:
     """Patterns beside the given terms, the best first."""
     found = []
     base = forward(terms, problem.view)
     for effect in effects:
-        if effect.id in failed:
-            continue
         for variant in effect.variants(problem.view):
             fields = [p for p in variant.parameters if p.per]
             if len(fields) == 1:

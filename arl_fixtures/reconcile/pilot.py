@@ -45,6 +45,11 @@ class Structure:
     z: float
     gain: float
 
+    def leading(self) -> list[str]:
+        """Columns by which the model splits most."""
+        order = sorted(self.ceiling.importance.items(), key=lambda kv: -kv[1])
+        return [name for name, share in order[:5] if share > 0.05]
+
 
 class Looker:
     """Physics-free looks at residuals of one problem; features are binned once."""

@@ -7,6 +7,7 @@ import pyarrow as pa
 import pytest
 
 from arl_fixtures.reconcile.catalogue import library
+from arl_fixtures.reconcile.effect import Effect
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
 from arl_fixtures.reconcile.visibility import NO_COLUMNS, NO_TRACE, invisible_effects
@@ -46,6 +47,33 @@ def test_the_smallest_visible_size_grows_with_the_noise(make_table):
         assert "would show only beyond" in reason
         sizes.append(float(re.search(r"beyond ([\d.e+-]+)", reason).group(1)))
     assert sizes[1] / sizes[0] == pytest.approx(2.0, rel=0.2)
+
+
+class Broken(Effect):
+    """A plug-in that cannot stand this table."""
+
+    id, source = "detector.broken", "nobody"
+
+    def variants(self, view):
+        raise IndexError("tuple index out of range")
+
+    def apply(self, variant, values, state, view):
+        raise AssertionError
+
+    def expression(self, variant):
+        raise AssertionError
+
+    def sentence(self, variant, values, view):
+        raise AssertionError
+
+
+def test_an_effect_that_fails_is_noted_and_costs_nothing_else(make_table, walk):
+    table = make_table(2, walk)
+    columns = columns_of(pa.table({n: pa.array(v.tolist() if v.dtype.kind == "U" else v) for n, v in table.items()}))
+    diagnosis, _, decision = diagnose(columns, effects=[Broken(), library()["timing.range_walk"]])
+    assert [f.effect for f in diagnosis.findings][:1] == ["timing.range_walk"]
+    assert diagnosis.notes["detector.broken"] == "was not tried: IndexError tuple index out of range"
+    assert "detector.broken" not in invisible_effects(decision)
 
 
 def test_an_effect_that_was_found_is_not_called_invisible(make_table, walk):

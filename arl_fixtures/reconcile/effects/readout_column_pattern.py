@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
     amplitude,
@@ -44,12 +45,15 @@ class ColumnPattern(Effect):
             for axis in ("pixel_u", "pixel_v"):
                 if not view.varies(axis) or span(view, axis) < 3.0:
                     continue
-                # odd and even columns that part in time with temperature are a fault of the timing, not the read-out
-                for column in ("", *warm) if channel in signals(view) else ("",):
-                    yield self._variant(view, channel, axis, "parity", column)
+                if len(_converters_seen(view, axis, 2)) == 2:
+                    # odd and even columns that part in time with temperature are a fault of the timing
+                    for column in ("", *warm) if channel in signals(view) else ("",):
+                        yield self._variant(view, channel, axis, "parity", column)
                 if span(view, axis) >= 7.0:
                     yield self._variant(view, channel, axis, "periodic", "")
                     for count in (n for n in _CONVERTERS if span(view, axis) >= 2 * n - 1):
+                        if len(_converters_seen(view, axis, count)) < 2:
+                            continue
                         for kind in ("taps", "gains") if channel in signals(view) else ("taps",):
                             yield self._taps(view, channel, axis, kind, count)
 
@@ -100,7 +104,10 @@ class ColumnPattern(Effect):
                 "temperature": "",
                 "reference": 0.0,
             },
-            parameters=tuple(amplitude(f"tap_{k}", unit, -50.0 * size, 50.0 * size, size) for k in range(1, count)),
+            parameters=tuple(
+                amplitude(f"tap_{k}", unit, -50.0 * size, 50.0 * size, size)
+                for k in _converters_seen(view, axis, count)[1:]
+            ),
             channels=with_scatter(view, channel) if kind == "gains" else (channel,),
             drivers=(axis,),
         )
@@ -110,7 +117,7 @@ class ColumnPattern(Effect):
         channel, column = str(variant.options["channel"]), str(variant.options["temperature"])
         place = np.nan_to_num(view.number(str(variant.options["axis"])))
         if variant.options["kind"] in {"taps", "gains"}:
-            taps = np.array(_taps_of(values))
+            taps = _taps_of(variant, values)
             own = taps[np.rint(place).astype(np.int64) % taps.size]
             if variant.options["kind"] == "taps":
                 state[channel] = state[channel] + own
@@ -139,7 +146,8 @@ class ColumnPattern(Effect):
         names = [parameter.name for parameter in variant.parameters]
         if variant.options["kind"] in {"taps", "gains"}:
             law = f"{channel} +=" if variant.options["kind"] == "taps" else f"{channel} *= 1 +"
-            return f"{law} tap_k, k = {axis} modulo {len(names) + 1}, tap_0 = 0"
+            count = variant.options["converters"]
+            return f"{law} tap_k, k = {axis} modulo {count}, 0 where there is no tap_k"
         waves = {"cosine": f"cos(2 pi {axis} / period)", "sine": f"sin(2 pi {axis} / period)"}
         if variant.options["kind"] == "parity":
             waves = {"cosine": f"(-1)^{axis}"}
@@ -153,8 +161,8 @@ class ColumnPattern(Effect):
         """Amplitude and period."""
         channel, column = str(variant.options["channel"]), str(variant.options["temperature"])
         if variant.options["kind"] in {"taps", "gains"}:
-            taps = _taps_of(values)
-            apart = max(taps) - min(taps)
+            taps = _taps_of(variant, values)
+            apart = float(np.ptp(taps))
             size_of = (
                 f"{apart:.3g} {unit_of(channel)}" if variant.options["kind"] == "taps" else f"{100 * apart:.2f} %"
             )
@@ -180,6 +188,16 @@ _SHORTEST, _MOST_STARTS = 2.1, 80
 _CONVERTERS = (4, 8)
 
 
-def _taps_of(values: Values) -> list[float]:
-    """What each converter adds, the first nothing."""
-    return [0.0, *(float(values[name]) for name in sorted(values) if name.startswith("tap_"))]
+def _converters_seen(view: View, axis: str, count: int) -> list[int]:
+    """Which of so many converters that read in turn have a pixel in the table (every second pixel: half of them)."""
+    place = view.number(axis)
+    return [int(k) for k in np.unique(np.rint(place[np.isfinite(place)]) % count)]
+
+
+def _taps_of(variant: Variant, values: Values) -> FloatArray:
+    """What each converter adds; the first one that is seen, and those that are not, nothing."""
+    taps = np.zeros(int(str(variant.options["converters"])))
+    for name, value in values.items():
+        if name.startswith("tap_"):
+            taps[int(name.removeprefix("tap_"))] = float(value)
+    return taps
