@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from arl_fixtures.reconcile.effects_common import per_table, per_view
+from arl_fixtures.reconcile.effect import Option, Values
+from arl_fixtures.reconcile.effects_common import per_table, per_view, rounded, span
 from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]
@@ -18,6 +20,9 @@ _SAMPLE = 30_000
 _DEGREE = 4
 _GOOD_REST = 0.03
 _ROUNDS = 12
+FEWEST_PX = 7.0
+"""Columns or rows of pixels that an image must span for a smooth profile over it."""
+_PIXEL = {"azimuth_deg": "pixel_u", "elevation_deg": "pixel_v"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,15 +115,20 @@ def _robust(matrix: FloatArray, target: FloatArray) -> tuple[FloatArray, float]:
 
 
 def illumination(view: View, channel: str) -> Illumination | None:
-    """Smooth profile of a simulated signal over the field of view; None without rays.
+    """Smooth profile of a simulated signal over azimuth and elevation (degrees); None without rays."""
+    if not has_rays(view):
+        return None
+    return _profile(view, channel, (Across(column="azimuth_deg"), Across(column="elevation_deg")))
+
+
+def _profile(view: View, channel: str, axes: tuple[Across, Across]) -> Illumination | None:
+    """Smooth profile of a simulated signal over two coordinates of the field of view.
 
     First with the textbook law for the scene (reflectance · cos(incidence) / range²); where that does not fit, with
     free exponents and a level for every surface, so that another simulator is taken apart as well.
     """
 
     def make() -> Illumination | None:
-        if not has_rays(view):
-            return None
         table = view.columns
         signal = table.numbers[f"sim_{channel}"]
         usable = np.isfinite(signal) & _pure(view)
@@ -129,7 +139,7 @@ def illumination(view: View, channel: str) -> Illumination | None:
         rows = rows[:: max(1, rows.size // _SAMPLE)]
         if rows.size < 30:
             return None
-        az, el = ray_column(view, "azimuth_deg"), ray_column(view, "elevation_deg")
+        az, el = (axis.of(view) for axis in axes)
         reach_az, reach_el = max(float(np.abs(az).max()), 1e-6), max(float(np.abs(el).max()), 1e-6)
         terms = tuple((i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i) if i + j > 0)
         x, y = az[rows] / reach_az, el[rows] / reach_el
@@ -142,7 +152,7 @@ def illumination(view: View, channel: str) -> Illumination | None:
                 break
         return Illumination(terms, solution[1 : len(terms) + 1], reach_az, reach_el)
 
-    return per_table(view, ("illumination", channel), make)
+    return per_table(view, ("illumination", channel, axes), make)
 
 
 def log_profile(view: View, channel: str) -> FloatArray:
@@ -153,3 +163,96 @@ def log_profile(view: View, channel: str) -> FloatArray:
         return np.zeros(view.n) if profile is None else profile.log(azimuth(view), elevation(view))
 
     return per_view(view, ("log profile", channel), make)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Across:
+    """One coordinate of the field of view: a ray's angle, or a pixel's place.
+
+    Attributes:
+        column: `azimuth_deg`, `elevation_deg`, `pixel_u` or `pixel_v`; zero where the table has it not.
+        middle: where the coordinate is zero, in the column's unit.
+        half: what makes one of it: 1 for rays, which stay in degrees; half the image's width for pixels.
+    """
+
+    column: str
+    middle: float = 0.0
+    half: float = 1.0
+
+    @property
+    def is_pixel(self) -> bool:
+        """Whether it stands for a ray that the table does not give."""
+        return self.column in _PIXEL.values()
+
+    @property
+    def short(self) -> str:
+        """What parameters along it end in."""
+        return {"azimuth_deg": "az", "elevation_deg": "el"}.get(self.column, self.column[-1])
+
+    def of(self, view: View) -> FloatArray:
+        """The coordinate of every row of the whole table; zero where it was not recorded."""
+        if not self.is_pixel:
+            return ray_column(view, self.column)
+        return np.nan_to_num((view.columns.numbers[self.column] - self.middle) / self.half)
+
+    def on_rows(self, view: View) -> FloatArray:
+        """The coordinate of the rows under work."""
+        return per_view(view, ("across", self), lambda: self.of(view)[view.rows])
+
+
+class Field:
+    """Where a beam's profile lies: over azimuth and elevation, or over the image where rays are not given.
+
+    The axes stand in a variant's options (`middle_u`, `half_v` …), as rows to predict may be a part of the image.
+
+    Args:
+        options: of a variant, or of `field_options`.
+    """
+
+    def __init__(self, options: Mapping[str, Option]) -> None:
+        across, along = (
+            Across(
+                column=pixel, middle=float(options[f"middle_{pixel[-1]}"]), half=float(options[f"half_{pixel[-1]}"])
+            )
+            if f"half_{pixel[-1]}" in options
+            else Across(column=ray)
+            for ray, pixel in _PIXEL.items()
+        )
+        self.axes = across, along
+
+    def varying(self, view: View) -> tuple[Across, ...]:
+        """The axes that vary in the table."""
+        return tuple(axis for axis in self.axes if view.varies(axis.column))
+
+    def along(self, values: Values, name: str) -> tuple[float, float]:
+        """The parameters `name`_az and `name`_el of values, or `name`_u and `name`_v; zero where there are none."""
+        first, second = (float(values.get(f"{name}_{axis.short}", 0.0)) for axis in self.axes)
+        return first, second
+
+    def profile(self, view: View, channel: str) -> Illumination | None:
+        """Smooth profile of a simulated signal over the axes; None where none of them varies."""
+        return _profile(view, channel, self.axes) if self.varying(view) else None
+
+    def places(self, view: View) -> tuple[FloatArray, FloatArray]:
+        """Both coordinates of the rows under work."""
+        across, along = (axis.on_rows(view) for axis in self.axes)
+        return across, along
+
+    def log_profile(self, view: View, channel: str) -> FloatArray:
+        """ln of the fitted profile at the rows under work, zeros without one."""
+
+        def make() -> FloatArray:
+            profile = self.profile(view, channel)
+            return np.zeros(view.n) if profile is None else profile.log(*self.places(view))
+
+        return per_view(view, ("log profile", channel, self.axes), make)
+
+
+def field_options(view: View) -> dict[str, Option]:
+    """Options of a `Field`: which axes are the image's, as the table gives no ray along them."""
+    options: dict[str, Option] = {}
+    for ray, pixel in _PIXEL.items():
+        if not view.varies(ray) and view.varies(pixel) and span(view, pixel) >= FEWEST_PX:
+            low, high = view.span(pixel)
+            options |= {f"middle_{pixel[-1]}": rounded(0.5 * (low + high)), f"half_{pixel[-1]}": 0.5 * (high - low)}
+    return options

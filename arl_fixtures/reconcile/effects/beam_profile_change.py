@@ -23,11 +23,9 @@ from arl_fixtures.reconcile.effects_common import (
     span,
     temperature_drivers,
 )
-from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illumination, log_profile
+from arl_fixtures.reconcile.effects_illumination import Field, field_options
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
-
-_ANGLES = (("az", "azimuth_deg"), ("el", "elevation_deg"))
 
 
 class ProfileChange(LightFactor):
@@ -36,6 +34,8 @@ class ProfileChange(LightFactor):
     * width: I *= B(az/(1+w_az), el/(1+w_el)) / B(az, el); a change of the power as a whole is the laser's.
     * edge: I *= exp(−edge_az·|az/edge|^order − edge_el·|el/edge|^order).
     * centre: I *= 1 − centre·exp(−(r/radius)²), r the distance from the axis over the half field of view.
+
+    Along an axis for which the table gives no ray, the pixel's place over the image's half width takes its place.
     """
 
     id = "beam.profile_change"
@@ -46,61 +46,60 @@ class ProfileChange(LightFactor):
     def variants(self, view: View) -> Iterable[Variant]:
         """Width and edge, fixed or driven by a temperature or by age."""
         temperatures = temperature_drivers(view, "laser_temperature_c", "housing_temperature_c", limit=1)
+        field = Field(field_options(view))
+        axes = field.varying(view)
         for channel in signals(view):
-            if illumination(view, channel) is None:
+            if field.profile(view, channel) is None:
                 continue
-            rays = tuple(column for _, column in _ANGLES if view.varies(column))
             for driver in ("", *temperatures, *age_drivers(view)[:1]):
+                scale = _scale(view, driver) | field_options(view)
                 for kind in ("width", "edge", "centre"):
-                    parameters = [
-                        amplitude(f"{kind}_{axis}", "1", -0.5, 2.0, 0.05)
-                        for axis, column in _ANGLES
-                        if view.varies(column)
-                    ]
+                    parameters = [amplitude(f"{kind}_{axis.short}", "1", -0.5, 2.0, 0.05) for axis in axes]
                     if kind == "edge":
                         parameters.append(shape("order", "1", 1.5, 8.0, 3.0))
                     if kind == "centre":
                         parameters = [amplitude("centre", "1", -2.0, 0.95, 0.05), shape("radius", "1", 0.1, 0.7, 0.5)]
                     yield Variant(
                         effect=self.id,
-                        options={"channel": channel, "kind": kind, "driver": driver, **_scale(view, driver)},
+                        options={"channel": channel, "kind": kind, "driver": driver, **scale},
                         parameters=tuple(parameters),
                         channels=light_channels(view, channel),
-                        drivers=(*((driver,) if driver else ()), *rays),
+                        drivers=(*((driver,) if driver else ()), *(axis.column for axis in axes)),
                     )
 
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Ratio of the changed to the simulated profile."""
         channel = str(variant.options["channel"])
-        profile = illumination(view, channel)
+        field = Field(variant.options)
+        profile = field.profile(view, channel)
         if profile is None:
             return np.ones(view.n)
-        az, el = azimuth(view), elevation(view)
+        x, y = field.places(view)
         driver = str(variant.options["driver"])
         size = _size(view, variant, driver)
         if variant.options["kind"] == "centre":
-            square = (az / profile.reach_az) ** 2 + (el / profile.reach_el) ** 2
+            square = (x / profile.reach_az) ** 2 + (y / profile.reach_el) ** 2
             worn = float(values["centre"]) * np.exp(-square / float(values["radius"]) ** 2)
             return np.asarray(np.maximum(1.0 - worn * size, 0.02))
         if variant.options["kind"] == "edge":
             order = float(values["order"])
-            loss = float(values.get("edge_az", 0.0)) * np.abs(az / profile.reach_az) ** order
-            loss = loss + float(values.get("edge_el", 0.0)) * np.abs(el / profile.reach_el) ** order
+            edge_x, edge_y = field.along(values, "edge")
+            loss = edge_x * np.abs(x / profile.reach_az) ** order + edge_y * np.abs(y / profile.reach_el) ** order
             return np.asarray(np.exp(np.clip(-loss * size, -4.0, 4.0)))
-        wide_az = np.maximum(1.0 + float(values.get("width_az", 0.0)) * size, 0.3)
-        wide_el = np.maximum(1.0 + float(values.get("width_el", 0.0)) * size, 0.3)
-        stretched = profile.log(az / wide_az, el / wide_el) - log_profile(view, channel)
+        wide_x, wide_y = (np.maximum(1.0 + wider * size, 0.3) for wider in field.along(values, "width"))
+        stretched = profile.log(x / wide_x, y / wide_y) - field.log_profile(view, channel)
         return np.asarray(np.exp(np.clip(stretched, -4.0, 4.0)))
 
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel, driver = variant.options["channel"], variant.options["driver"]
         grown = f", both grow with {driver} (given for its whole range)" if driver else ""
+        x, y = (axis.short for axis in Field(variant.options).axes)
         if variant.options["kind"] == "centre":
-            return f"{channel} *= 1 - centre * exp(-((az / edge)^2 + (el / edge)^2) / radius^2){grown}"
+            return f"{channel} *= 1 - centre * exp(-(({x} / edge)^2 + ({y} / edge)^2) / radius^2){grown}"
         if variant.options["kind"] == "edge":
-            return f"{channel} *= exp(-edge_az * |az / edge|^order - edge_el * |el / edge|^order){grown}"
-        return f"{channel} *= B(azimuth / (1 + width_az), elevation / (1 + width_el)) / B(azimuth, elevation){grown}"
+            return f"{channel} *= exp(-edge_{x} * |{x} / edge|^order - edge_{y} * |{y} / edge|^order){grown}"
+        return f"{channel} *= B({x} / (1 + width_{x}), {y} / (1 + width_{y})) / B({x}, {y}){grown}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Change of light over the field."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Stage, Values, Variant
+from arl_fixtures.reconcile.effect import Parameter, Stage, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     LightFactor,
@@ -21,13 +21,16 @@ from arl_fixtures.reconcile.effects_common import (
     temperature_drivers,
     unit_per,
 )
-from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illumination, log_profile
+from arl_fixtures.reconcile.effects_illumination import Across, Field, field_options
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
 
 class ProfileShift(LightFactor):
-    """I *= B(azimuth − d, elevation − e) / B(azimuth, elevation): fixed, or growing with a temperature or age."""
+    """I *= B(azimuth − d, elevation − e) / B(azimuth, elevation): fixed, or growing with a temperature or age.
+
+    Along an axis for which the table gives no ray B is a function of the pixel, and the shift is in pixels.
+    """
 
     id = "beam.profile_shift"
     stage = Stage.BEAM
@@ -36,60 +39,61 @@ class ProfileShift(LightFactor):
 
     def variants(self, view: View) -> Iterable[Variant]:
         """A fixed shift, and one per driver."""
+        options = field_options(view)
+        field = Field(options)
+        axes = field.varying(view)
         for channel in signals(view):
-            if illumination(view, channel) is None:
+            if field.profile(view, channel) is None:
                 continue
             temperatures = temperature_drivers(view, "laser_temperature_c", "housing_temperature_c", limit=2)
             for driver in ("", *temperatures, *age_drivers(view)[:2]):
                 wide = span(view, driver) if driver else 1.0
-                unit = unit_per(driver, "deg") if driver else "deg"
                 yield Variant(
                     effect=self.id,
                     options={
                         "channel": channel,
                         "driver": driver,
                         "reference": reference(view, driver) if driver else 0.0,
+                        **options,
                     },
-                    parameters=tuple(
-                        amplitude(name, unit, -10.0 / wide, 10.0 / wide, 0.3 / wide)
-                        for name, column in (("shift_az", "azimuth_deg"), ("shift_el", "elevation_deg"))
-                        if view.varies(column)
-                    ),
+                    parameters=tuple(_shift(axis, driver, wide) for axis in axes),
                     channels=light_channels(view, channel),
-                    drivers=(*((driver,) if driver else ()), *_rays(view)),
+                    drivers=(*((driver,) if driver else ()), *(axis.column for axis in axes)),
                 )
 
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Ratio of the shifted to the simulated profile."""
         channel = str(variant.options["channel"])
-        profile = illumination(view, channel)
+        field = Field(variant.options)
+        profile = field.profile(view, channel)
         if profile is None:
             return np.ones(view.n)
-        az, el = azimuth(view), elevation(view)
         driver = str(variant.options["driver"])
         size = excess(view, variant, driver) if driver else 1.0
-        turned = profile.log(
-            az - float(values.get("shift_az", 0.0)) * size, el - float(values.get("shift_el", 0.0)) * size
+        moved = (
+            place - shift / axis.half * size
+            for place, shift, axis in zip(field.places(view), field.along(values, "shift"), field.axes, strict=True)
         )
-        return np.exp(np.clip(turned - log_profile(view, channel), -4.0, 4.0))
+        turned = profile.log(*moved)
+        return np.exp(np.clip(turned - field.log_profile(view, channel), -4.0, 4.0))
 
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel, driver = variant.options["channel"], variant.options["driver"]
         grown = f" * ({driver} - {variant.options['reference']})" if driver else ""
-        return (
-            f"{channel} *= B(azimuth_deg - shift_az{grown}, elevation_deg - shift_el{grown}) / B(azimuth_deg, "
-            "elevation_deg), B the simulated beam"
-        )
+        axes = Field(variant.options).axes
+        moved = ", ".join(f"{axis.column} - {_name(axis)}{grown}" for axis in axes)
+        return f"{channel} *= B({moved}) / B({', '.join(axis.column for axis in axes)}), B the simulated beam"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
-        """The shift in degrees, over the driver's range."""
+        """The shift in degrees or pixels, over the driver's range."""
         driver = str(variant.options["driver"])
         low, high = view.span(driver) if driver else (0.0, 1.0)
         parts = [
-            f"{values[name] * (high - low):+.2f}° in {axis}"
-            for name, axis in (("shift_az", "azimuth"), ("shift_el", "elevation"))
-            if name in values
+            f"{values[_name(axis)] * (high - low):+.2f}{' pixels along ' if axis.is_pixel else '° in '}"
+            f"{axis.column.removesuffix('_deg')}"
+            for axis in Field(variant.options).axes
+            if _name(axis) in values
         ]
         when = f" from {low:.4g} to {high:.4g} {unit_of(driver)} of {driver}" if driver else ""
         change = percent(*self.change(variant, values, view))
@@ -104,5 +108,14 @@ class ProfileShift(LightFactor):
         )
 
 
-def _rays(view: View) -> tuple[str, ...]:
-    return tuple(name for name in ("azimuth_deg", "elevation_deg") if view.varies(name))
+def _name(axis: Across) -> str:
+    return f"shift_{axis.short}"
+
+
+def _shift(axis: Across, driver: str, wide: float) -> Parameter:
+    """The shift along an axis, per unit of the driver: up to 10°, or half of the image's half width."""
+    unit = "px" if axis.is_pixel else "deg"
+    most, typical = (0.5 * axis.half, 0.01 * axis.half) if axis.is_pixel else (10.0, 0.3)
+    return amplitude(
+        _name(axis), unit_per(driver, unit) if driver else unit, -most / wide, most / wide, typical / wide
+    )

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from rendered_bench import Camera, bench, corrected, left_over, render, variant_of
 
+from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.effects import optics_defocus
 from arl_fixtures.reconcile.view import View
 
@@ -177,6 +178,27 @@ def test_beam_shift_reproduces_a_beam_that_points_elsewhere():
     view = rendered(Camera(beam=(75.0, 18.0, 2.0, -0.5)), columns=(20, 108), rows=(2, 30), angles=(-2.7, 2.7, 4))
     state = corrected(view, variant_of(view, "beam.profile_shift", driver=""), shift_az=2.0, shift_el=-0.5)
     assert left_over(view, state, LIGHT) < 0.01
+
+
+@pytest.mark.parametrize("lost", [("azimuth_deg", "elevation_deg"), ("azimuth_deg",), ("elevation_deg",)])
+def test_a_beam_that_moves_or_widens_is_told_by_pixels_where_rays_are_not_given(lost):
+    """A pinhole of 58 by 66 pixels: 2° are 2.03 pixels of its middle, and 2.6 where the beam falls off."""
+
+    def without_rays(beam):
+        columns = bench(Camera(beam=beam), columns=(30, 98), rows=(2, 30), angles=(0.0, 0.9, 2), steps=1)
+        kept = {name: values for name, values in columns.numbers.items() if name not in lost}
+        return View(Columns(columns.n, kept, columns.categories, columns.channels))
+
+    view = without_rays((75.0, 18.0, 2.0, -0.5))
+    shifts = {"shift_u": 2.6} if "azimuth_deg" in lost else {"shift_az": 2.0}
+    shifts |= {"shift_v": 0.58} if "elevation_deg" in lost else {"shift_el": -0.5}
+    moved = corrected(view, variant_of(view, "beam.profile_shift", driver=""), **shifts)
+    assert left_over(view, moved, LIGHT) < 0.05
+    view = without_rays((75.0 * 1.1, 18.0 * 1.05, 0.0, 0.0))
+    variant = variant_of(view, "beam.profile_change", kind="width", driver="")
+    names = [parameter.name for parameter in variant.parameters]
+    wider = corrected(view, variant, **dict(zip(names, (0.1, 0.05), strict=True)))
+    np.testing.assert_allclose(wider[LIGHT] / view.number(LIGHT), 1.0, atol=1e-2)
 
 
 def test_beam_change_reproduces_a_wider_beam():
