@@ -32,6 +32,9 @@ class FilterShift(LightFactor):
     on its long side. `tilt` is the wavelength over the half-width; the line's drift against the filter is tilt times
     `line_drift`, a relative change of wavelength per kelvin, so that temperature never acts without the angle.
     `offset`: where the line lies in the passband at normal incidence at the reference temperature.
+
+    A simulation that has the passband at the reference temperature (option `simulated`) lacks the drift alone:
+    I *= T(x + drift·ΔT) / T(x), x = offset + tilt·s(θ); there the drift is what is nil, and the tilt a shape.
     """
 
     id = "optics.filter_shift"
@@ -40,19 +43,31 @@ class FilterShift(LightFactor):
     confusable = ("optics.vignetting", "laser.thermal_rolloff", "beam.profile_shift", "detector.gain_temperature")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """With the angle alone, and with the laser's (or the next best) temperature; none where neither is known."""
+        """With the angle alone, and with the laser's (or the next best) temperature; none where neither is known.
+
+        With the best temperature also as what a simulation lacks that has the passband but not its drift.
+        """
         columns = temperature_drivers(view, "laser_temperature_c", "housing_temperature_c", limit=2)
         if not (has_rays(view) or "laser_temperature_c" in columns):
             return
         reach = _reach(view) if has_rays(view) else 1.0
         for channel in signals(view):
-            for column in (*columns, "") if has_rays(view) else columns:
+            kinds = [(column, False) for column in columns]
+            if has_rays(view):
+                kinds += [("", False), *((column, True) for column in columns[:1])]
+            for column, simulated in kinds:
                 parameters: list[Parameter] = []
-                if has_rays(view):
+                if simulated:
+                    most = 8.0 / span(view, column)
+                    parameters.append(amplitude("drift", "half-widths/K", -most, most, 0.03 * most))
+                    parameters.append(
+                        shape("tilt", "half-widths", 0.3 / reach, 8.0 / reach, 1.0 / reach, 3.0 / reach)
+                    )
+                elif has_rays(view):
                     parameters.append(amplitude("tilt", "half-widths", 0.0, 8.0 / reach, 0.3 / reach))
-                if column and has_rays(view):
+                if column and has_rays(view) and not simulated:
                     parameters.append(shape("line_drift", "1/K", -6e-4, 6e-4, 2.7e-4, 2e-5))
-                elif column:
+                elif column and not simulated:
                     most = 8.0 / span(view, column)
                     parameters.append(amplitude("drift", "half-widths/K", -most, most, 0.03 * most))
                 parameters += [
@@ -69,10 +84,11 @@ class FilterShift(LightFactor):
                         "channel": channel,
                         "temperature": column,
                         "reference": reference(view, column) if column else 0.0,
+                        **({"simulated": True} if simulated else {}),
                     },
                     parameters=tuple(parameters),
                     channels=light_channels(view, channel),
-                    drivers=(*rays[:1], *((column,) if column else ()), *rays[1:]),
+                    drivers=(column, *rays) if simulated else (*rays[:1], *((column,) if column else ()), *rays[1:]),
                 )
 
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
@@ -82,14 +98,15 @@ class FilterShift(LightFactor):
         if "tilt" in values:
             square = per_view(view, "field sine square", lambda: _sine_square(view))
             place = place + float(values["tilt"]) * (1.0 - np.sqrt(1.0 - square / float(values["index"]) ** 2))
+        known = place if variant.options.get("simulated") else np.full(view.n, offset)
         column = str(variant.options["temperature"])
         if column:
             drift = (
-                float(values["tilt"]) * float(values["line_drift"]) if "tilt" in values else float(values["drift"])
+                float(values["drift"]) if "drift" in values else float(values["tilt"]) * float(values["line_drift"])
             )
             place = place + drift * excess(view, variant, column)
-        passed = 1.0 / (1.0 + np.minimum(np.abs(place), 1e3) ** power)
-        return np.asarray(np.maximum(passed * (1.0 + abs(offset) ** power), 1e-6))
+        passed, assumed = (1.0 / (1.0 + np.minimum(np.abs(y), 1e3) ** power) for y in (place, known))
+        return np.asarray(np.clip(passed / assumed, 1e-6, 1e6))
 
     def expression(self, variant: Variant) -> str:
         """The law."""
@@ -97,17 +114,26 @@ class FilterShift(LightFactor):
         terms = "offset"
         if any(parameter.name == "tilt" for parameter in variant.parameters):
             terms += " + tilt * (1 - sqrt(1 - sin(field angle)^2 / index^2))"
+        angle = terms
         if column:
             named = {parameter.name for parameter in variant.parameters}
             drift = "tilt * line_drift" if "line_drift" in named else "drift"
             terms += f" + {drift} * ({column} - {variant.options['reference']})"
-        return f"{channel} *= T(y) / T(offset), T = 1 / (1 + |y|^(2 cavities)), y = {terms}"
+        known = "offset"
+        if variant.options.get("simulated"):
+            known, terms = "x", f"x{terms[len(angle) :]}, x = {angle}"
+        return f"{channel} *= T(y) / T({known}), T = 1 / (1 + |y|^(2 cavities)), y = {terms}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Change of the signal over field and temperature."""
         column = variant.options["temperature"]
         with_what = "with the field angle" if not column else f"with field angle and {column}"
         change = percent(*self.change(variant, values, view))
+        if variant.options.get("simulated"):
+            return (
+                f"The laser line drifts with {column} in the filter's passband, whose place at each angle the "
+                f"simulation has at {variant.options['reference']:g} °C only: the signal differs {change}."
+            )
         return f"The laser line wanders across the filter's passband {with_what}: the signal differs {change}."
 
     def next_experiment(self, variant: Variant) -> str:
