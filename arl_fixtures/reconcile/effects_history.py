@@ -2,10 +2,14 @@
 
 Rows come in no order and many rows share a time; the grid is built once for a table, filters run along its axis.
 Where a table has no `time_s`, the step index is the time, and time constants are in steps.
+
+The plate, the coolant and the chamber are one thing for all DUTs of a cycle: what was logged beside one is known of
+the others, as far as their readings agree (runs at other times under one cycle's number do not).
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +24,10 @@ IntArray = NDArray[np.int64]
 
 _CELLS = 400_000
 _LONGEST = 2048
+_COMMON = ("plate_", "coolant_", "ambient_", "chamber_", "set_")
+"""Temperatures of the bench: the same physical thing for all DUTs that are measured in one cycle."""
+_AGREE = 0.02
+"""Share of a temperature's range by which the readings of two DUTs may differ and still be of one thing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,6 +53,7 @@ class _Clock:
     length: int
     interval: float
     unit: str
+    start: FloatArray
 
 
 def time_column(view: View) -> str:
@@ -63,14 +72,30 @@ def _clock(view: View) -> _Clock | None:
         time = table.numbers[name]
         start = np.full(groups, np.inf)
         np.fmin.at(start, group, time)
+        start = _common_start(table.group("cycle"), group, time, start)
         since = np.nan_to_num(time - np.where(np.isfinite(start), start, 0.0)[group])
         longest = float(since.max())
         times = np.unique(np.round(since / max(longest, 1e-300), 6)).size
         length = int(np.clip(4 * times, 64, min(_LONGEST, max(64, _CELLS // groups))))
         interval = longest / (length - 1)
-        return _Clock(group, since / interval, groups, length, interval, "s" if name == "time_s" else "steps")
+        return _Clock(group, since / interval, groups, length, interval, "s" if name == "time_s" else "steps", start)
 
     return per_table(view, "history clock", make)
+
+
+def _common_start(cycle: IntArray, group: IntArray, time: FloatArray, start: FloatArray) -> FloatArray:
+    """First time of each group; of DUTs that were measured side by side in a cycle the first of them all."""
+    end = np.full(start.size, -np.inf)
+    np.fmax.at(end, group, time)
+    cycle_of = np.zeros(start.size, dtype=np.int64)
+    cycle_of[group] = cycle
+    common = start.copy()
+    order = np.lexsort((start, cycle_of))
+    for before, this in itertools.pairwise(order):
+        if cycle_of[before] == cycle_of[this] and start[this] <= end[before]:
+            common[this] = common[before]
+            end[this] = max(end[this], end[before])
+    return common
 
 
 def history(view: View, column: str) -> History | None:
@@ -84,24 +109,73 @@ def history(view: View, column: str) -> History | None:
         good = np.isfinite(values)
         if not good.any():
             return None
-        cell = clock.group * clock.length + np.rint(clock.place).astype(np.int64)
-        total = np.bincount(cell[good], values[good], clock.groups * clock.length)
-        place = np.bincount(cell[good], clock.place[good], clock.groups * clock.length)
-        count = np.bincount(cell[good], minlength=clock.groups * clock.length)
-        grid = np.empty((clock.groups, clock.length))
+        readings = _readings(clock, values, good)
+        if column.removeprefix("sim_").startswith(_COMMON):
+            readings = _pooled(clock, view.columns.group("cycle"), readings, float(np.ptp(values[good])))
+        grid = np.full((clock.groups, clock.length), float(values[good].mean()))
         ticks = np.arange(clock.length, dtype=float)
-        overall = float(values[good].mean())
-        for index in range(clock.groups):
-            part = slice(index * clock.length, (index + 1) * clock.length)
-            known = np.flatnonzero(count[part])
-            if known.size == 0:
-                grid[index] = overall
-                continue
-            weight = count[part][known]
-            grid[index] = np.interp(ticks, place[part][known] / weight, total[part][known] / weight)
+        for index, (place, reading) in enumerate(readings):
+            if place.size:
+                grid[index] = np.interp(ticks, place, reading)
         return History(values=grid, interval=clock.interval, unit=clock.unit)
 
     return per_table(view, ("history", column), make)
+
+
+_Readings = list[tuple[FloatArray, FloatArray]]
+"""Place on the grid and value of what was logged, for every group, in order of time."""
+
+
+def _readings(clock: _Clock, values: FloatArray, good: NDArray[np.bool_]) -> _Readings:
+    """Means over the grid's cells."""
+    cell = clock.group * clock.length + np.rint(clock.place).astype(np.int64)
+    total = np.bincount(cell[good], values[good], clock.groups * clock.length)
+    place = np.bincount(cell[good], clock.place[good], clock.groups * clock.length)
+    count = np.bincount(cell[good], minlength=clock.groups * clock.length)
+    found: _Readings = []
+    for index in range(clock.groups):
+        part = slice(index * clock.length, (index + 1) * clock.length)
+        known = np.flatnonzero(count[part])
+        weight = count[part][known]
+        found.append((place[part][known] / weight, total[part][known] / weight))
+    return found
+
+
+def _pooled(clock: _Clock, cycle: IntArray, readings: _Readings, wide: float) -> _Readings:
+    """Each group's readings with those of the others of its cycle that are on the same clock and agree with it."""
+    cycle_of = np.zeros(clock.groups, dtype=np.int64)
+    cycle_of[clock.group] = cycle
+    found = list(readings)
+    for index, (place, reading) in enumerate(readings):
+        others = [k for k in np.flatnonzero(cycle_of == cycle_of[index]) if k != index and readings[k][0].size]
+        beside = [
+            (readings[k][0], readings[k][1] + apart)
+            for k in others
+            if clock.start[k] == clock.start[index]
+            and np.isfinite(apart := _apart((place, reading), readings[k], _AGREE * wide))
+        ]
+        if beside:
+            where = np.concatenate([place, *(p for p, _ in beside)])
+            order = np.argsort(where, kind="stable")
+            found[index] = where[order], np.concatenate([reading, *(r for _, r in beside)])[order]
+    return found
+
+
+def _apart(own: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray], most: float) -> float:
+    """What to add to another's readings to have one's own level; NaN where the two are not of one thing.
+
+    Told at the times of whoever logged less: the denser record says what was in between. Zero without own readings.
+    """
+    if own[0].size == 0:
+        return 0.0
+    dense, sparse, sign = (other, own, 1.0) if other[0].size >= own[0].size else (own, other, -1.0)
+    inside = (sparse[0] >= dense[0][0]) & (sparse[0] <= dense[0][-1])
+    if not inside.any():
+        return np.nan
+    differ = sign * (sparse[1][inside] - np.interp(sparse[0][inside], dense[0], dense[1]))
+    level = float(np.median(differ))
+    agree = max(abs(level), float(np.quantile(np.abs(differ - level), 0.9))) <= most
+    return level if agree else np.nan
 
 
 def on_rows(view: View, grid: FloatArray) -> FloatArray:
