@@ -7,10 +7,12 @@ import zlib
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
-from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.roles import FIELD_COLUMNS, Role
 from arl_fixtures.reconcile.view import View
 
 NEIGHBOURS = ((1, 0), (-1, 0), (0, 1), (0, -1))
+HALF_TURN_DEG = 180.0
+"""Azimuth over which rays still have an axis that they lie about."""
 LEAST_OWN = 1e-3
 """Share of the median signal below which a row's own counts as that in a ratio: what sees nothing has no ratio."""
 
@@ -25,7 +27,7 @@ def features_of(view: View) -> dict[str, FloatArray]:
 
     Derived ones carry a `~`: `~edge(X)` (mean of the neighbouring pixels over own), `~sweep(X)` (next angle over
     own), `~before(X)` (frame taken before over own), `~frame(X)` (mean of the image over own), `~parity(pixel_u)`,
-    `~within(time_s)` (since the step's first row).
+    `~within(time_s)` (since the step's first row), `~radius(field)` and `~twist(field)` (see `_field`).
     """
     found: dict[str, FloatArray] = {name: view.number(name) for name in view.covariates() if name != "n_frames"}
     for name in sorted(view.columns.categories):
@@ -61,10 +63,34 @@ def features_of(view: View) -> dict[str, FloatArray]:
     within = _within_step(view)
     if within is not None:
         found["~within(time_s)"] = within
+    found |= _field(view)
     for name in ("pixel_u", "pixel_v"):
         if view.varies(name):
             found[f"~parity({name})"] = np.mod(view.number(name), 2.0)
     return {name: values for name, values in found.items() if np.isfinite(values).any()}
+
+
+def _field(view: View) -> dict[str, FloatArray]:
+    """Radius of every ray from the field's centre, and the product of its two coordinates about it.
+
+    What a rotationally symmetric optic does depends on the radius alone (Born & Wolf, Principles of Optics, ch. V),
+    what a twisted part does on the product (Timoshenko & Goodier, Theory of Elasticity, torsion): either takes many
+    products of single coordinates. In degrees and square degrees about the optical axis; where rays are not given in
+    pixels and square pixels about the middle of the image. A scanner that looks all around has no field.
+    """
+    for names, widest in ((("azimuth_deg", "elevation_deg"), HALF_TURN_DEG), (("pixel_u", "pixel_v"), np.inf)):
+        if not all(view.varies(name) for name in names):
+            continue
+        low, high = np.array([view.span(name) for name in names]).T
+        if np.any(high - low > widest):
+            return {}
+        on_axis = (low <= 0.0) & (high >= 0.0) & np.isfinite(widest)
+        across, along = (
+            view.number(name) - middle
+            for name, middle in zip(names, np.where(on_axis, 0.0, 0.5 * (low + high)), strict=True)
+        )
+        return dict(zip(FIELD_COLUMNS, (np.hypot(across, along), across * along), strict=True))
+    return {}
 
 
 def _within_step(view: View) -> FloatArray | None:

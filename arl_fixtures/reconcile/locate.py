@@ -22,13 +22,13 @@ from arl_fixtures.reconcile.noise import fit_tau
 from arl_fixtures.reconcile.patterns import half_z, shared_part
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.problem import ChannelData
-from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.roles import FIELD_COLUMNS, Role
 
 LOCATED_GAIN, LOCATED_Z = 11.0, 3.5
 MOST_BINS = 24
 MOST_PLACES = 3
 PERIODS = (2, 3, 4, 6, 8, 16)
-WITHIN_STEPS = ("pixel_v", "pixel_u", "zone", "elevation_deg", "azimuth_deg")
+WITHIN_STEPS = ("pixel_v", "pixel_u", "zone", "elevation_deg", "azimuth_deg", *FIELD_COLUMNS)
 STEP_BINS, STEP_GAIN = 12, 20.0
 STEP_SLOPE = Axis(column="step", kind="one")
 """Marks a pattern that each step has anew."""

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.roles import FIELD_COLUMNS
 from arl_fixtures.reconcile.view import View
 
 HOLDS = 0.95
@@ -50,6 +51,9 @@ def columns_as_drivers(names: Sequence[str], view: View) -> list[str]:
             parts = ["time_s"]
         elif name.startswith("~edge"):
             parts = ["pixel_u", "pixel_v"]
+        elif name in FIELD_COLUMNS:
+            rays = all(view.varies(ray) for ray in ("azimuth_deg", "elevation_deg"))
+            parts = ["azimuth_deg", "elevation_deg"] if rays else ["pixel_u", "pixel_v"]
         elif name.startswith("~frame"):
             parts = ["stage_angle_deg", re.sub(r"~frame\((.*)\)", r"\1", name)]
         else:

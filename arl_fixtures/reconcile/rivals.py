@@ -12,7 +12,7 @@ from arl_fixtures.reconcile.locate import locate
 from arl_fixtures.reconcile.patterns import Pattern
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.problem import ChannelData, Problem
-from arl_fixtures.reconcile.roles import PIXEL_COLUMNS, Role
+from arl_fixtures.reconcile.roles import FIELD_COLUMNS, PIXEL_COLUMNS, Role
 from arl_fixtures.reconcile.terms import Term, forward
 
 BEATEN_BY, BEATEN_SHARE = 12.0, 0.05
@@ -43,7 +43,10 @@ def needed_by_law(named: float, plain: float, acting: Sequence[Term], columns: S
     share = MIXED_SHARE if says_the_same(acting, columns) else BEATEN_SHARE
     known = {_kind_of(c) for term in acting for c in term.variant.drivers}
     # a law of the names' own columns has the freer shape only, where one of others tells of another cause
-    least = 2.0 * BEATEN_BY if {_kind_of(c) for c in columns} <= known else BEATEN_BY
+    own = {_kind_of(c) for c in columns if c not in FIELD_COLUMNS} <= known
+    if set(columns) & set(FIELD_COLUMNS):
+        own = own and bool(known & PIXEL_COLUMNS)
+    least = 2.0 * BEATEN_BY if own else BEATEN_BY
     return named + max(least, share * named, BEATEN_PLAIN * plain)
 
 

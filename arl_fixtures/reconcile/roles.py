@@ -21,6 +21,8 @@ _SIGNAL_UNITS = {"counts", "cps", "kcps", "mcps", "w", "mw", "lux"}
 
 PIXEL_COLUMNS = frozenset({"pixel_u", "pixel_v", "azimuth_deg", "elevation_deg"})
 """Where a pixel is in the image, or looks."""
+FIELD_COLUMNS = ("~radius(field)", "~twist(field)")
+"""Derived from both columns of a pixel's place: what optics that are round, or bent by torsion, depend on."""
 
 
 class Role(Enum):
