@@ -3,25 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effect import Effect, Option, Parameter, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
+    GROUPS,
     FloatArray,
     amplitude,
     distances,
+    per_table,
     per_view,
+    rounded,
     set_light,
     shape,
     signals,
 )
 from arl_fixtures.reconcile.effects_pointing import scanned_channels, turn_stage
+from arl_fixtures.reconcile.effects_render import is_sharp
 from arl_fixtures.reconcile.effects_scene import scene
-from arl_fixtures.reconcile.view import View
+from arl_fixtures.reconcile.view import IntArray, View
 
 _PLACES = np.linspace(0.0, 1.0, 6)
 """Shares of the way back to the stage position before at which the scene is looked up."""
+_SAME_DEG = 1e-3
+"""Readings of one stage position agree this closely."""
+_SINGLE = 0.7
+"""Share of a table's rows that places make of which several rows are frames."""
+_UNEVEN = 0.25
+"""Relative scatter of a sweep's steps from which a lag is told from a constant angle."""
 
 
 class FrameLag(Effect):
@@ -29,8 +40,10 @@ class FrameLag(Effect):
 
     * late: X' = (1 − share)·X + share·X at the stage position `frames` earlier in time.
     * settling: frame k (from 0) is taken at `creep`·exp(−k / decay) of the way back to the position before.
+    * on the way: where rows are single frames, each shows one place, at `creep`·exp(−t / decay) of that way, t since
+      the first frame at its stage angle; t = 0 where an angle has one frame only.
 
-    The mixture widens the scatter.
+    A mixture widens the scatter.
     """
 
     id = "acquisition.frame_lag"
@@ -43,7 +56,10 @@ class FrameLag(Effect):
     confusable = ("stage.zero_offset", "mount.tilt", "target.edge_mixing")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """One and two positions late; settling where a row averages several frames of a scene that is scanned."""
+        """One and two positions late; settling where the scene is scanned, in one of its two forms.
+
+        Single frames of an even sweep, one an angle, are all displaced alike: that is a stage's zero or its backlash.
+        """
         if not view.varies("stage_angle_deg") or not (signals(view) or distances(view)):
             return
         drivers = ("stage_angle_deg", "time_s") if view.varies("time_s") else ("stage_angle_deg",)
@@ -55,21 +71,43 @@ class FrameLag(Effect):
                 channels=scanned_channels(view),
                 drivers=drivers,
             )
-        if view.has("n_frames") and view.middle("n_frames") >= 2.0 and scene(view) is not None:
+        if scene(view) is None:
+            return
+        creep, several = (
+            amplitude("creep", "1", 0.0, 1.0, 0.2),
+            view.has("n_frames") and view.middle("n_frames") >= 2.0,
+        )
+        longest = _longest_s(view)
+        way = _way_back(view, longest)
+        if way.since_s.any() and _repeats(view):
+            waits = np.unique(way.since_s)
+            options: dict[str, Option] = {"frames": 1, "kind": "on the way", "longest_s": longest}
+            low, high = float(waits[1]), float(waits[-1])
+            parameters: tuple[Parameter, ...] = creep, shape("decay", "s", 0.3 * low, 5.0 * high, 0.5 * high, low)
+        elif several:
             count = int(view.middle("n_frames"))
-            yield Variant(
-                effect=self.id,
-                options={"frames": 1, "kind": "settling", "averaged": count},
-                parameters=(
-                    amplitude("creep", "1", 0.0, 1.0, 0.2),
-                    shape("decay", "frames", 0.3, 5.0 * count, 0.3 * count),
-                ),
-                channels=scanned_channels(view),
-                drivers=drivers,
-            )
+            options = {"frames": 1, "kind": "settling", "averaged": count}
+            parameters = creep, shape("decay", "frames", 0.3, 5.0 * count, 0.3 * count)
+        elif way.is_uneven:
+            options, parameters = {"frames": 1, "kind": "on the way", "longest_s": longest}, (creep,)
+        else:
+            return
+        yield Variant(
+            effect=self.id,
+            options=options,
+            parameters=parameters,
+            channels=scanned_channels(view),
+            drivers=drivers,
+            rough=options["kind"] == "on the way" and is_sharp(view),
+        )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Mixes in what the same pixel saw before, or on the way."""
+        if variant.options.get("kind") == "on the way":
+            way = _way_back(view, float(variant.options["longest_s"]))
+            left = np.exp(-way.since_s[view.rows] / float(values["decay"])) if "decay" in values else 1.0
+            turn_stage(view, state, float(values["creep"]) * left * way.back_deg[view.rows])
+            return
         if "creep" in values:
             _settle(variant, values, state, view)
             return
@@ -87,10 +125,19 @@ class FrameLag(Effect):
         """The law."""
         if variant.options.get("kind") == "settling":
             return "X = mean over frames k of X at stage_angle_deg + creep * exp(-k / decay) * (angle before - angle)"
+        if variant.options.get("kind") == "on the way":
+            wait = " * exp(-t / decay)" if any(p.name == "decay" for p in variant.parameters) else ""
+            return f"X = X at stage_angle_deg + creep{wait} * (angle before - angle)"
         return f"X = (1 - share) * X + share * X[{variant.options['frames']} stage position(s) earlier]"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Share of stale frames, or how far the stage was from its place."""
+        if variant.options.get("kind") == "on the way":
+            then = f", {values['decay']:.3g} s later a third of that" if "decay" in values else ""
+            return (
+                f"Frames are taken while the stage still moves: {values['creep'] * 100:.0f} % of the way back to the "
+                f"position before{then}."
+            )
         if "creep" in values:
             return (
                 f"The stage still settles while frames are taken: at the first it is {values['creep'] * 100:.0f} % "
@@ -107,6 +154,72 @@ class FrameLag(Effect):
             "Sweep the angles in the other direction, or wait longer before each frame set: a lag turns round or "
             "goes."
         )
+
+
+@dataclass(frozen=True, slots=True)
+class _Way:
+    """How each row of the whole table came to its stage angle.
+
+    Attributes:
+        back_deg: stage angle before less its own; zero for the first of a sweep, and where the table has a hole.
+        since_s: since the first row at this stay; zero without times.
+    """
+
+    back_deg: FloatArray
+    since_s: FloatArray
+
+    @property
+    def is_uneven(self) -> bool:
+        """Whether the stage came from nearer or farther by turns."""
+        size = np.abs(self.back_deg[self.back_deg != 0.0])
+        return bool(size.size) and float(np.std(size)) > _UNEVEN * float(np.mean(size))
+
+
+def _repeats(view: View) -> bool:
+    """Whether rows are single frames: a ray stands at its stage angle several times."""
+    same = view.columns.group(*GROUPS["frame"], "ramp", "pixel_u", "pixel_v", "azimuth_deg", "elevation_deg")
+    return int(same.max()) + 1 < _SINGLE * view.columns.n
+
+
+def _stays(view: View) -> tuple[IntArray, IntArray, IntArray]:
+    """Rows of the whole table by time (by angle without times), their stay, and each stay's first row."""
+    table = view.columns
+    angle, cell = table.numbers["stage_angle_deg"], table.group(*GROUPS["step"])
+    order = np.lexsort((angle, table.numbers["time_s"] if view.varies("time_s") else angle, cell))
+    fresh = np.ones(table.n, dtype=bool)
+    fresh[1:] = (np.abs(np.diff(angle[order])) > _SAME_DEG) | (np.diff(cell[order]) != 0)
+    return order, np.cumsum(fresh) - 1, order[fresh]
+
+
+def _between(view: View, first: IntArray) -> FloatArray:
+    """From the stay before to each stay, in seconds, without times in degrees; infinite for the first of a step."""
+    table = view.columns
+    time = table.numbers["time_s" if view.varies("time_s") else "stage_angle_deg"][first]
+    same = np.diff(table.group(*GROUPS["step"])[first]) == 0
+    return np.concatenate([[np.inf], np.where(same, np.diff(time), np.inf)])
+
+
+def _longest_s(view: View) -> float:
+    """What a move takes at most, 1.7 of the usual; farther apart lie stays of which one between is missing."""
+    taken = _between(view, _stays(view)[2])
+    usual = taken[np.isfinite(taken)]
+    return rounded(1.7 * float(np.median(usual))) if usual.size else 0.0
+
+
+def _way_back(view: View, longest: float) -> _Way:
+    def make() -> _Way:
+        table = view.columns
+        angle = table.numbers["stage_angle_deg"]
+        order, stay, first = _stays(view)
+        before = np.where(_between(view, first) <= longest, np.roll(angle[first], 1), np.nan)
+        back, since = np.zeros(table.n), np.zeros(table.n)
+        back[order] = np.nan_to_num(before[stay] - angle[order])
+        if view.varies("time_s"):
+            time = table.numbers["time_s"]
+            since[order] = np.nan_to_num(time[order] - time[first[stay]])
+        return _Way(back, since)
+
+    return per_table(view, ("way back", longest), make)
 
 
 def _settle(variant: Variant, values: Values, state: State, view: View) -> None:

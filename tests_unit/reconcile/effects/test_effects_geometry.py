@@ -174,6 +174,49 @@ def test_frames_of_a_stage_that_settles_are_those_rendered_on_its_way():
     assert np.mean(np.abs(ratio - 1.0) < 0.1) > 0.8
 
 
+def test_single_frames_of_a_stage_that_settles_show_each_a_place_on_its_way():
+    """Four frames an angle, a row each: 0, 1, 2 and 3 s after the stage says that it has arrived."""
+    columns = bench(columns=(58, 70), rows=(14, 17), angles=(-9.0, 9.0, 19), steps=4)
+    u, v, stage = (columns.numbers[name] for name in ("pixel_u", "pixel_v", "stage_angle_deg"))
+    frame = columns.numbers["step"].copy()  # what was a step is a frame: the same places once more, a second later
+    columns.numbers["time_s"] = columns.numbers["time_s"] - 1199.0 * frame
+    columns.numbers |= {"n_frames": np.ones(u.size), "step": np.zeros(u.size)}
+    came = np.where(stage > stage.min(), 1.0, 0.0)
+    real = render(u, v, stage - came * 0.8 * np.exp(-frame / 1.5))
+    columns.numbers |= {LIGHT: real[LIGHT], RANGE: real[RANGE]}
+    view = View(columns)
+    state = corrected(view, variant_of(view, "acquisition.frame_lag", kind="on the way"), creep=0.8, decay=1.5)
+    assert left_over(view, state, LIGHT) < 0.03
+    assert left_over(view, state, RANGE) < 0.06
+
+
+def test_a_stage_that_has_not_arrived_lags_by_a_share_of_uneven_steps():
+    """One frame an angle; the stage, a first-order follower, has done seven tenths of each move when it is taken."""
+    columns = bench(columns=(58, 70), rows=(14, 17), angles=(-9.0, 9.0, 37), steps=1)
+    place = np.rint((columns.numbers["stage_angle_deg"] + 9.0) / 0.5).astype(int)
+    route = np.array([k for k in range(37) if k % 5 != 2])
+    keep = np.isin(place, route)
+    numbers = {name: values[keep] for name, values in columns.numbers.items()}
+    labels = {name: (codes[keep], names) for name, (codes, names) in columns.categories.items()}
+    where = np.searchsorted(route, place[keep])
+    numbers |= {"time_s": 10.0 * where, "n_frames": np.ones(where.size)}
+    asked = -9.0 + 0.5 * route
+    stood = asked.copy()
+    for k in range(1, route.size):
+        stood[k] = asked[k] - 0.3 * (asked[k] - asked[k - 1])
+    real = render(numbers["pixel_u"], numbers["pixel_v"], stood[where])
+    numbers |= {LIGHT: real[LIGHT], RANGE: real[RANGE]}
+    view = View(Columns(where.size, numbers, labels, columns.channels))
+    state = corrected(view, variant_of(view, "acquisition.frame_lag", kind="on the way"), creep=0.3)
+    mixed = corrected(view, variant_of(view, "acquisition.frame_lag", frames=1), share=0.3)
+    assert left_over(view, state, LIGHT) < 0.03
+    assert left_over(view, state, LIGHT) < 0.3 * left_over(view, mixed, LIGHT)
+    even = View(bench(columns=(58, 62), rows=(14, 16), steps=1))
+    del even.columns.numbers["n_frames"]
+    with pytest.raises(LookupError):  # an even sweep that lags by a constant is a stage's zero
+        variant_of(even, "acquisition.frame_lag", kind="on the way")
+
+
 def test_beam_shift_reproduces_a_beam_that_points_elsewhere():
     view = rendered(Camera(beam=(75.0, 18.0, 2.0, -0.5)), columns=(20, 108), rows=(2, 30), angles=(-2.7, 2.7, 4))
     state = corrected(view, variant_of(view, "beam.profile_shift", driver=""), shift_az=2.0, shift_el=-0.5)
