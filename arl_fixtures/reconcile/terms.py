@@ -112,7 +112,15 @@ def _order(term: Term) -> tuple[int, str]:
 
 
 def field_keys(per: tuple[str, ...], view: View) -> tuple[IntArray, list[tuple[str, ...]]]:
-    """Level code of each row for the columns of a field parameter, and the key of each level."""
+    """Level code of each row for the columns of a field parameter, and the key of each level; once for a view."""
+    memo = view.memo
+    if ("field keys", per) not in memo:
+        memo["field keys", per] = _field_keys(per, view)
+    found: tuple[IntArray, list[tuple[str, ...]]] = memo["field keys", per]
+    return found
+
+
+def _field_keys(per: tuple[str, ...], view: View) -> tuple[IntArray, list[tuple[str, ...]]]:
     code = view.group(*per)
     present, first, inverse = np.unique(code, return_index=True, return_inverse=True)
     keys: list[tuple[str, ...]] = []
@@ -130,23 +138,33 @@ def field_keys(per: tuple[str, ...], view: View) -> tuple[IntArray, list[tuple[s
     return inverse.astype(np.int64), keys
 
 
+RECORD_TIME = ("cycle", "step")
+"""Columns that order what happens to a pixel: what it has come to in one it keeps in the next ones."""
+
+
 def field_on_rows(levels: dict[tuple[str, ...], float], parameter: Parameter, view: View) -> FloatArray:
     """A field's values on the rows of a view; null where the level is not known.
 
-    What a pixel has come to in one cycle it keeps in the next ones.
+    What a pixel has come to in one cycle (and step) it keeps in the next ones, also in those never seen.
     """
     inverse, keys = field_keys(parameter.per, view)
     null = parameter.null if parameter.null is not None else 0.0
-    since: dict[tuple[str, ...], list[tuple[float, float]]] = {}
-    if parameter.per[:1] == ("cycle",):
+    times = sum(name in RECORD_TIME for name in parameter.per)
+    since: dict[tuple[str, ...], list[tuple[tuple[float, ...], float]]] = {}
+    if times and parameter.per[:times] == tuple(name for name in RECORD_TIME if name in parameter.per):
         for key, value in levels.items():
-            since.setdefault(key[1:], []).append((float(key[0] or "nan"), value))
+            since.setdefault(key[times:], []).append((_moment(key[:times]), value))
 
     def value_of(key: tuple[str, ...]) -> float:
-        if key in levels or key[1:] not in since:
+        if key in levels or key[times:] not in since:
             return levels.get(key, null)
-        earlier = [(cycle, value) for cycle, value in since[key[1:]] if cycle < float(key[0] or "nan")]
+        now = _moment(key[:times])
+        earlier = [(moment, value) for moment, value in since[key[times:]] if moment < now]
         return max(earlier)[1] if earlier else null
 
     by_level = np.array([value_of(key) for key in keys], dtype=np.float64)
     return np.asarray(by_level[inverse])
+
+
+def _moment(key: tuple[str, ...]) -> tuple[float, ...]:
+    return tuple(float(part) if part not in ("", "nan") else 0.0 for part in key)

@@ -1,7 +1,9 @@
 """Pixels that die on the way are found as such, and nothing else is made of what they no longer see."""
 
 import numpy as np
+import pyarrow.parquet as pq
 
+from arl_fixtures.reconcile.command import predict, reconcile
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import load_table
 
@@ -21,3 +23,42 @@ def test_pixels_that_die_in_the_test_are_the_only_finding(tmp_path, make_table, 
     (found,) = diagnosis.findings
     assert found.effect == "detector.dead_pixels"
     assert found.statement.startswith("2 of 26 pixels")  # one of each device
+
+
+def answers(table, silent, rng):
+    """Ten frames a row, of which nearly all bring an answer; none where a pixel is silent."""
+    given = rng.binomial(10, 0.995, len(silent)) / 10.0
+    table["valid_fraction"], table["sim_valid_fraction"] = np.where(silent, 0.0, given), np.ones(len(silent))
+    for name in ("intensity_counts", "distance_m"):
+        table[name] = np.where(silent, np.nan, table[name])
+
+
+def pixels_of(table):
+    number = table["pixel_u"] * 100.0 + table["pixel_v"]
+    return np.searchsorted(np.unique(number), number)
+
+
+def test_pixels_that_die_between_steps_are_dead_from_there_on(tmp_path, make_table, save):
+    table = make_table(83, None, steps=12)
+    pixel, first, step = pixels_of(table), table["dut"] == "S0", table["step"]
+    answers(table, ((pixel == 3) & first & (step >= 5)) | ((pixel == 7) & (step >= 8)), np.random.default_rng(1))
+    unseen = (step == 4) | (step == 11)
+    train, later = ({n: v[rows] for n, v in table.items()} for rows in (~unseen, unseen))
+    diagnosis = reconcile(save(tmp_path / "table.parquet", train), tmp_path / "out")
+    (found,) = diagnosis.findings
+    assert found.effect == "detector.dead_pixels"
+    assert found.statement.startswith("3 of 26 pixels")
+    truth = later.pop("valid_fraction")
+    for name in ("intensity_counts", "distance_m"):
+        later.pop(name)
+    predict(tmp_path / "out", save(tmp_path / "later.parquet", later), tmp_path / "told.parquet")
+    told = pq.read_table(tmp_path / "told.parquet")["corrected_valid_fraction"].to_numpy()
+    assert np.array_equal(told < 0.5, truth < 0.5)
+
+
+def test_pixels_that_come_back_are_not_called_dead(tmp_path, make_table, save):
+    table = make_table(84, None, steps=12)
+    pixel = pixels_of(table)
+    answers(table, np.isin(pixel, (3, 7)) & np.isin(table["step"], (4, 5)), np.random.default_rng(2))
+    diagnosis, _, _ = diagnose(load_table(save(tmp_path / "table.parquet", table)))
+    assert "detector.dead_pixels" not in [f.effect for f in diagnosis.findings]

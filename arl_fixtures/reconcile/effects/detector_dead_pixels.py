@@ -25,23 +25,30 @@ class DeadPixels(Effect):
     confusable = ("detector.pixel_response", "optics.window_contamination")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """One, per DUT and pixel; per cycle too where pixels may die on the way."""
+        """One, per DUT and pixel; per cycle too where pixels may die on the way.
+
+        Per step as well where the share of answers is measured: it leaves no doubt of a single step, a signal does.
+        """
         pixels = tuple(name for name in ("pixel_u", "pixel_v") if view.varies(name))
         if not pixels:
             return
         given = tuple(channel.name for channel in view.channels(Role.FRACTION))
         lit = signals(view)[:1]
         where = (*(("dut",) if view.labels("dut") else ()), *pixels)
-        for levels in (where, ("cycle", *where)) if view.varies("cycle") else (where,):
+        moments: list[tuple[str, ...]] = [(), *([("cycle",)] if view.varies("cycle") else [])]
+        if given and view.varies("step"):
+            moments.append((*(("cycle",) if "cycle" in view.columns.numbers else ()), "step"))
+        for moment in moments:
             for channel in given or lit:
+                levels = (*moment, *where)
                 yield Variant(
                     effect=self.id,
-                    options={"channel": channel, "since": "cycle" if levels != where else "always"},
+                    options={"channel": channel, "since": moment[-1] if moment else "always"},
                     parameters=(
                         Parameter(name="dead", unit="1", low=0.0, high=1.0, null=0.0, typical=1.0, per=levels),
                     ),
                     channels=tuple(dict.fromkeys((channel, *lit))),
-                    drivers=(*pixels, *(("cycle",) if levels != where else ())),
+                    drivers=(*pixels, *moment),
                 )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:

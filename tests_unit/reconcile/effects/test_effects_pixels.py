@@ -58,6 +58,30 @@ def test_a_pixel_that_died_in_one_cycle_is_dead_in_the_next():
     np.testing.assert_array_equal(state["signal_counts"], np.where(gone, 0.0, 500.0))
 
 
+def test_a_pixel_that_died_at_a_step_is_dead_in_later_steps_and_cycles_and_was_not_before():
+    """Read back on a table with steps and cycles that the one it was found on did not have."""
+    pixel, step, cycle = (a.ravel() for a in np.meshgrid(np.arange(4), np.arange(5), np.arange(1, 4)))
+    n = pixel.size
+    view = table(
+        pixel_u=pixel, step=step, cycle=cycle, stage_angle_deg=pixel, sim_signal_counts=np.full(n, 500.0),
+        sim_valid_fraction=np.ones(n),
+    )  # fmt: skip
+    variant = variant_of(view, "detector.dead_pixels", since="step")
+    per = variant.parameters[0].per
+    assert per[:2] == ("cycle", "step")
+    key = tuple({"cycle": "2", "step": "3", "pixel_u": "1"}.get(name, "") for name in per)
+    term = Term(effect=library()[variant.effect], variant=variant, values={}, fields={"dead": {key: 1.0}})
+    state = term.apply(view.fresh_state(), view)
+    gone = (pixel == 1) & ((cycle == 3) | ((cycle == 2) & (step >= 3)))
+    np.testing.assert_array_equal(state["valid_fraction"], np.where(gone, 0.0, 1.0))
+
+
+def test_a_signal_alone_does_not_tell_a_single_step():
+    pixel, step = (a.ravel() for a in np.meshgrid(np.arange(4), np.arange(5)))
+    view = table(pixel_u=pixel, step=step, stage_angle_deg=pixel, sim_signal_counts=np.full(20, 500.0))
+    assert {v.options["since"] for v in library()["detector.dead_pixels"].variants(view)} == {"always"}
+
+
 @pytest.mark.parametrize("tails", [6, 100])
 def test_the_interval_of_a_spread_covers_that_of_all_pixels_also_with_heavy_tails(tails):
     rng = np.random.default_rng(tails)
