@@ -9,6 +9,7 @@ from arl_fixtures.reconcile.effects_common import FloatArray, distances, light_c
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illumination, log_profile
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.effects_render import rendered
+from arl_fixtures.reconcile.effects_room import changes_in_room, room_of
 from arl_fixtures.reconcile.effects_scene import Scene, curves_over_bearing, pixel_width, scene
 from arl_fixtures.reconcile.effects_sweep import along_sweep
 from arl_fixtures.reconcile.view import IntArray, View
@@ -184,6 +185,9 @@ def _changes(view: View, turn: FloatArray | float, lift: FloatArray | float) -> 
     found = scene(view)
     if found is None or not found.curves:
         return {}
+    room = room_of(view, found.sign)
+    if room is not None:
+        return changes_in_room(view, room, turn, lift)
     el = elevation(view)
     before, after = dict(_here(found, view)), _at(found, view, turn, lift)
     patchy = found.patchy[view.rows]

@@ -72,7 +72,7 @@ def _make_scene(view: View) -> Scene | None:
     sign = 1.0
     if moving and rays and flat:
         test = next(iter(flat.values()))
-        row = table.group("dut", "pixel_v")
+        row = table.group("dut", "pixel_v" if "pixel_v" in table.numbers else "elevation_deg")
         if _roughness(row, az - stage, test) < 0.8 * _roughness(row, az + stage, test):
             sign = -1.0
     bearing = az + sign * stage

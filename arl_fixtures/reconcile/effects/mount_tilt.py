@@ -12,6 +12,7 @@ from arl_fixtures.reconcile.effects_illumination import azimuth, elevation
 from arl_fixtures.reconcile.effects_pointing import point_elsewhere, scanned_channels, take_pose
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.effects_render import bench_of, is_sharp
+from arl_fixtures.reconcile.effects_room import room_of
 from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.view import View
 
@@ -35,7 +36,8 @@ class Tilt(Effect):
         found = scene(view)
         if found is None or not view.varies("azimuth_deg"):
             return
-        turns = _TURNS if found.pitch_deg > 0.0 or bench_of(view) is not None else _TURNS[:1]
+        known = found.pitch_deg > 0.0 or bench_of(view) is not None or room_of(view, found.sign) is not None
+        turns = _TURNS if known else _TURNS[:1]
         yield Variant(
             effect=self.id,
             parameters=tuple(amplitude(name, "deg", -5.0, 5.0, 0.1) for name in turns),
