@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import re
 import socket
 import time
 from collections.abc import Iterable
@@ -14,10 +15,10 @@ import pytest
 from arl_fixtures.bench.clock import RealClock
 from arl_fixtures.bench.ports import SerialPort, TcpPort
 from arl_fixtures.bench.serve import EmulatorServer
-from arl_fixtures.devices.chiller import HuberChiller
-from arl_fixtures.devices.relays import DEFAULT_LOADS, ConradRelays
+from arl_fixtures.devices.chiller import HuberChiller, HuberSettings
+from arl_fixtures.devices.relays import DEFAULT_LOADS, ConradRelays, ConradSettings
 from arl_fixtures.devices.stage import TmclSettings, TmclStage
-from arl_fixtures.devices.thermometer import DconThermometer
+from arl_fixtures.devices.thermometer import DconSettings, DconThermometer
 from arl_fixtures.emulators.chiller import ChillerEmulator, ChillerEmulatorSettings
 from arl_fixtures.emulators.device import Outgoing, StreamDevice
 from arl_fixtures.emulators.faults import Fault
@@ -27,6 +28,28 @@ from arl_fixtures.emulators.relays import RelaysEmulator
 from arl_fixtures.emulators.stage import StageEmulator
 from arl_fixtures.emulators.thermometer import ThermometerEmulator
 from arl_fixtures.errors import DeviceLostError, DeviceTimeoutError
+from arl_fixtures.protocols import tmcl
+from arl_fixtures.protocols.tmcl import Axis, Command
+
+PATIENCE_S = 300.0
+"""However busy the machine is: an answer that is late is none that is missing."""
+
+
+class BriskClock:
+    """Real time, in which nobody sleeps for long."""
+
+    def __init__(self) -> None:
+        self._real = RealClock()
+
+    @property
+    def now_s(self) -> float:
+        return self._real.now_s
+
+    def utc_ns(self) -> int:
+        return self._real.utc_ns()
+
+    def sleep(self, duration_s: float) -> None:
+        self._real.sleep(min(duration_s, 0.5))
 
 
 class FastClock:
@@ -55,7 +78,7 @@ def test_the_huber_library_reads_and_sets_our_chiller(monkeypatch: pytest.Monkey
     monkeypatch.setattr(huber.Bath, "port", port)
 
     async def converse() -> tuple[dict, dict]:
-        async with huber.Bath(host, comm_timeout=5.0) as bath:
+        async with huber.Bath(host, comm_timeout=PATIENCE_S) as bath:
             before = await bath.get()
             await bath.start()
             await bath.set_setpoint(-10.0)
@@ -90,7 +113,7 @@ def test_the_huber_library_sees_our_alarm(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(huber.Bath, "port", port)
 
     async def converse() -> dict:
-        async with huber.Bath(host, comm_timeout=5.0) as bath:
+        async with huber.Bath(host, comm_timeout=PATIENCE_S) as bath:
             return await bath.get()
 
     with server:
@@ -112,7 +135,7 @@ def test_pytrinamic_homes_and_moves_our_stage():
         motor = TMCM1240(connection).motors[0]
         motor.set_axis_parameter(motor.AP.ReferenceSearchMode, 1)
         connection.reference_search(0, 0)
-        deadline_s = time.monotonic() + 20.0
+        deadline_s = time.monotonic() + PATIENCE_S
         while connection.reference_search(2, 0):
             assert time.monotonic() < deadline_s
         assert motor.get_actual_position() == 0
@@ -137,10 +160,16 @@ def test_our_drivers_meet_our_emulators_on_terminals_and_tcp():
     relays_line = server.add_pty("relays", RelaysEmulator(plant, DEFAULT_LOADS))
     host, port = server.add_tcp("chiller", ChillerEmulator(plant))
     with server:
-        stage = TmclStage(SerialPort("stage", stage_line, baud=115200), clock)
-        thermometer = DconThermometer(SerialPort("thermometer", thermometer_line, baud=9600), clock)
-        relays = ConradRelays(SerialPort("relays", relays_line, baud=19200), clock)
-        chiller = HuberChiller(TcpPort("chiller", host, port), clock)
+        stage = TmclStage(
+            SerialPort("stage", stage_line, baud=115200), clock, TmclSettings(timeout_s=PATIENCE_S)
+        )
+        thermometer = DconThermometer(
+            SerialPort("thermometer", thermometer_line, baud=9600), clock, DconSettings(timeout_s=PATIENCE_S)
+        )
+        relays = ConradRelays(
+            SerialPort("relays", relays_line, baud=19200), clock, ConradSettings(timeout_s=PATIENCE_S)
+        )
+        chiller = HuberChiller(TcpPort("chiller", host, port), clock, HuberSettings(timeout_s=PATIENCE_S))
         assert stage.identify().name == "TMCM-1240"
         assert thermometer.identify().name == "7018"
         assert thermometer.read_c()[2].value_c == pytest.approx(23.0, abs=0.6)
@@ -157,18 +186,19 @@ def test_a_line_opened_again_is_served_again():
     line = server.add_pty("thermometer", ThermometerEmulator(plant))
     with server:
         for _ in range(2):
-            thermometer = DconThermometer(SerialPort("line", line, baud=9600), clock)
+            port = SerialPort("line", line, baud=9600)
+            thermometer = DconThermometer(port, clock, DconSettings(timeout_s=PATIENCE_S))
             assert len(thermometer.read_c()) == 8
             thermometer.close()
 
 
 def test_a_fault_cuts_the_connection_and_the_driver_comes_back():
-    clock, plant = RealClock(), Plant()
+    clock, plant = BriskClock(), Plant()
     server = EmulatorServer(clock)
     wire = FaultyWire("chiller", ChillerEmulator(plant), plant)
     host, port = server.add_tcp("chiller", wire)
     with server:
-        chiller = HuberChiller(TcpPort("chiller", host, port), clock)
+        chiller = HuberChiller(TcpPort("chiller", host, port), clock, HuberSettings(timeout_s=PATIENCE_S))
         chiller.bath_c()
         plant.faults.inject(Fault(device="chiller", kind="disconnect", start_s=clock.now_s))
         with pytest.raises((DeviceLostError, DeviceTimeoutError), match="chiller"):
@@ -201,7 +231,7 @@ def test_sensors_send_from_their_own_addresses():
     ):
         for listener in (first, second):
             listener.bind(("127.0.0.1", 0))
-            listener.settimeout(10.0)
+            listener.settimeout(PATIENCE_S)
         ports = (first.getsockname()[1], second.getsockname()[1])
         server = EmulatorServer()
         for address in ("127.0.0.2", "127.0.0.3"):
@@ -251,15 +281,21 @@ def test_a_failure_of_an_emulator_is_raised_where_the_server_is_used():
         server.wait()
 
 
+AXES = {Axis.REACHED: "r", Axis.ACTUAL_SPEED: "s", Axis.ACTUAL: "a", Axis.ENCODER: "e"}
+
+
 class Asked:
-    """A device, and when it was asked something."""
+    """A stage, and a letter for each question that it was asked."""
 
     def __init__(self, device: StreamDevice) -> None:
         self._device = device
-        self.times_s: list[float] = []
+        self.questions = ""
 
     def receive(self, data: bytes, now_s: float) -> Iterable[Outgoing]:
-        self.times_s.append(now_s)
+        request = tmcl.decode_request(data)
+        assert request is not None
+        axis = AXES.get(Axis(request.type), "?") if request.command == Command.GET_AXIS else ""
+        self.questions += axis or {Command.GET_GLOBAL: "g", Command.MOVE: "m"}.get(Command(request.command), "?")
         return self._device.receive(data, now_s)
 
     def disconnect(self, now_s: float) -> None:
@@ -284,23 +320,25 @@ def test_a_real_sweep_step_asks_nothing_in_vain_and_no_answer_is_slept_over(monk
 
     monkeypatch.setattr(server, "_wait_s", watched_wait_s)
     # a reference right here keeps the homing short
-    settings = TmclSettings(search_mode=5, reference_angle_deg=0.0)
+    settings = TmclSettings(search_mode=5, reference_angle_deg=0.0, timeout_s=PATIENCE_S)
     with server:
         stage = TmclStage(SerialPort("stage", line, baud=115200), clock, settings)
-        stage.home(30.0)
+        stage.home(PATIENCE_S)
         for step in range(1, 6):
-            before = len(asked.times_s)
+            asked.questions = ""
             began_s = clock.now_s
             stage.move_to_deg(0.9 * step)
             told_s = clock.now_s - began_s
             foretold_s = stage._arrival_s
-            stage.wait_until_reached(10.0)
+            stage.wait_until_reached(PATIENCE_S)
             # it set off somewhere between question and answer
             wrong_s = abs(plant.stage_track.end_s - foretold_s)
             assert wrong_s < told_s
-            # marker, move; reached; where by counter and by encoder; in vain: not reached, but moving
-            in_vain, odd = divmod(len(asked.times_s) - before - 5, 2)
-            assert odd == 0
-            assert 0 <= in_vain <= 1 + wrong_s / settings.poll_s
+            # marker, move; reached; where by counter and by encoder; in vain: not reached, but moving, or just then
+            # no longer moving, and so reached
+            found = re.fullmatch(r"gm((?:rs)*?)(?:rsr)?rae", asked.questions)
+            assert found, asked.questions
+            in_vain = asked.questions.count("s")
+            assert in_vain <= 1 + wrong_s / settings.poll_s
         stage.close()
     assert max(slept_over_s) <= 1e-9
