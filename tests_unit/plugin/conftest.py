@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+PATIENCE_S = 600.0
 PROFILE = """
 name: tiny
 load_cycle: {temperatures_c: [24, 26, 24]}
@@ -21,6 +22,22 @@ name: tiny
 version: 1
 limits:
   - {metric: dead_pixels, unit: "1", upper: 4000, reason: few}
+"""
+STOPS = """
+import os, signal
+from arl_fixtures.journal.journal import Journal
+
+append_many, seen = Journal.append_many, []
+
+def append_and_stop(journal, entries):
+    number = append_many(journal, entries)
+    for entry in entries:
+        seen.append(entry.type)
+        if entry.type == "{kind}" and seen.count("{kind}") == {count}:
+            os.kill(os.getpid(), signal.SIGSTOP)
+    return number
+
+Journal.append_many = append_and_stop
 """
 TEST = """
 import pytest
@@ -53,7 +70,7 @@ class Session:
     def run(self, *options, check=None, **how):
         done = subprocess.run(
             self.command(*options), cwd=self.folder, env=self.environment(), capture_output=True, text=True,
-            timeout=120, check=False, **how,
+            timeout=PATIENCE_S, check=False, **how,
         )  # fmt: skip
         if check is not None:
             assert done.returncode == check, done.stdout + done.stderr
@@ -63,8 +80,12 @@ class Session:
         (self.folder / name).write_text(text, encoding="utf-8")
 
     def lengthen(self):
-        """So many steps that whoever interrupts the session has time to."""
-        self.write("tiny.yaml", PROFILE.replace("[24, 26, 24]", str([24, 26] * 12)))
+        """So many steps that whoever interrupts the session has time to, were he held up for a minute."""
+        self.write("tiny.yaml", PROFILE.replace("[24, 26, 24]", str([24, 26] * 120)))
+
+    def stop_itself(self, kind, count):
+        """Its process stops (SIGSTOP) as soon as the journal holds so many lines of a type, and goes no further."""
+        self.write("conftest.py", STOPS.format(kind=kind, count=count))
 
     def limit(self, text):
         """A limits file with one limit."""

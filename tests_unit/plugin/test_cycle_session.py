@@ -1,5 +1,6 @@
 """A cycle as its user meets it: what passes, what fails, what is INVALID, and what is left behind."""
 
+import os
 import resource
 import shutil
 import signal
@@ -7,6 +8,8 @@ import subprocess
 from xml.etree import ElementTree
 
 import pytest
+
+PATIENCE_S = 600.0
 
 
 def test_a_cycle_leaves_journal_bags_and_junit_and_the_next_one_counts_on(undisturbed, session):
@@ -177,7 +180,7 @@ def test_signals_end_the_session_with_its_journal_closed_and_the_bench_safe(sess
     session.lengthen()
     child = start_until(session, "settle", 2)
     child.send_signal(number)
-    out, _ = child.communicate(timeout=60)
+    out, _ = child.communicate(timeout=PATIENCE_S)
     assert child.returncode == 2, out
     assert session.journal()[-1]["type"] == "session_end"
     assert session.journal()[-1]["reason"] != "finished"
@@ -189,15 +192,20 @@ def test_a_terminal_that_is_gone_does_not_keep_the_journal_from_its_end(session)
     child = start_until(session, "settle", 2)
     child.stdout.close()
     child.send_signal(signal.SIGHUP)
-    assert child.wait(timeout=60) != 0
+    assert child.wait(timeout=PATIENCE_S) != 0
     assert session.journal()[-1]["type"] == "session_end"
     assert session.journal()[-1]["reason"] != "finished"
 
 
 def test_resume_after_a_kill_gives_what_an_undisturbed_cycle_gives(undisturbed, session):
-    child = start_until(session, "settle", 3)
+    session.stop_itself("settle", 3)
+    child = start(session)
+    os.waitid(os.P_PID, child.pid, os.WSTOPPED | os.WEXITED | os.WNOWAIT)
     child.kill()
-    child.communicate(timeout=60)
+    out, _ = child.communicate(timeout=PATIENCE_S)
+    assert child.returncode == -signal.SIGKILL, out
+    assert len(session.of_type("settle")) == 3
+    (session.folder / "conftest.py").unlink()
     session.run("--resume", check=0)
     resumed = {line["step_id"]: line for line in session.of_type("bag")}
     assert set(resumed) == {path.name for path in (undisturbed[0].folder / "out/bags").iterdir()}
@@ -213,14 +221,23 @@ def test_resume_refuses_another_profile_and_says_what_differs(session):
     assert "profile 'tiny' has changed" in done.stdout
 
 
+def start(session):
+    """Start a session that heeds every signal."""
+
+    def heed():
+        # whoever runs us in the background, or with nohup, has had signals ignored, and a child inherits that
+        for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
+            signal.signal(number, signal.SIG_DFL)
+
+    return subprocess.Popen(
+        session.command("-s"), cwd=session.folder, env=session.environment(), stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT, text=True, preexec_fn=heed,  # noqa: PLW1509 no threads here
+    )  # fmt: skip
+
+
 def start_until(session, kind, count):
     """Start a session and return when its journal holds `count` lines of a type."""
-    child = subprocess.Popen(
-        session.command("-s"), cwd=session.folder, env=session.environment(), stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT, text=True,
-        # whoever runs us in the background has had Ctrl-C ignored, and a child inherits that
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509 no threads here
-    )  # fmt: skip
+    child = start(session)
     journal = session.folder / "out/session-0001.jsonl"
     # the child's own progress lines wake us: no line is read twice, nothing sleeps
     for _ in child.stdout:
