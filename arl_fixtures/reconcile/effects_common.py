@@ -32,7 +32,7 @@ _DARK = 1e-6
 """Share of the largest signal below which a row sees nothing that would tell of the noise."""
 _SAMPLE = 20_000
 _ROOM_C = 25.0
-_WINDOW = ("plate_", "coolant_", "ambient_", "set_")
+_BENCH = ("plate", "coolant", "ambient", "chamber")
 _CALENDAR = ("cycle", "operating_time_h", "operating_hours_h", "shots")
 
 
@@ -98,8 +98,22 @@ def temperature_drivers(view: View, *first: str, limit: int = 3, never: tuple[st
     Temperatures of the bench (plate, coolant, ambient, set-point) come in only where no other is left.
     """
     names = [n for n in view.temperatures(*first) if not n.startswith(never)] if never else view.temperatures(*first)
-    near = [n for n in names if not n.startswith(_WINDOW)]
+    near = [n for n in names if not is_of_bench(n)]
     return tuple((near or list(names))[:limit])
+
+
+def is_of(column: str, *parts: str) -> bool:
+    """Whether a column's name says that it is of one of these parts, first or last: another bench's words.
+
+    >>> is_of("plate_temperature_c", "plate"), is_of("sim_temperature_plate_c", "plate"), is_of("setup_c", "set")
+    (True, True, False)
+    """
+    return not set(parts).isdisjoint(column.split("_"))
+
+
+def is_of_bench(column: str) -> bool:
+    """Whether a temperature is the bench's: one physical thing for all DUTs that are measured in one cycle."""
+    return is_of(column, *_BENCH) or column.removeprefix("sim_").startswith("set_")
 
 
 def counts_age(column: str) -> bool:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from arl_fixtures.reconcile.effects_common import per_table, per_view
+from arl_fixtures.reconcile.effects_common import is_of_bench, per_table, per_view
 from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]
@@ -24,8 +24,6 @@ IntArray = NDArray[np.int64]
 
 _CELLS = 400_000
 _LONGEST = 2048
-_COMMON = ("plate_", "coolant_", "ambient_", "chamber_", "set_")
-"""Temperatures of the bench: the same physical thing for all DUTs that are measured in one cycle."""
 _AGREE = 0.02
 """Share of a temperature's range by which the readings of two DUTs may differ and still be of one thing."""
 
@@ -110,7 +108,7 @@ def history(view: View, column: str) -> History | None:
         if not good.any():
             return None
         readings = _readings(clock, values, good)
-        if column.removeprefix("sim_").startswith(_COMMON):
+        if is_of_bench(column):
             readings = _pooled(clock, view.columns.group("cycle"), readings, float(np.ptp(values[good])))
         grid = np.full((clock.groups, clock.length), float(values[good].mean()))
         ticks = np.arange(clock.length, dtype=float)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
-from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, shape
+from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, is_of, shape
 from arl_fixtures.reconcile.effects_history import History, history, low_pass, on_rows, rate
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
@@ -17,7 +17,8 @@ class LatentHeat(Effect):
     """Enthalpy method: dH/dt = (T_drive − T) / τ, with T = H, then held while `latent` K melt, then T = H − latent.
 
     T_drive = T_sim + τ dT_sim/dt is what drives the simulated node; `latent` is the latent heat over the node's heat
-    capacity. Water on a plate holds the nodes on it too: they follow its deviation within `follow`.
+    capacity. Water on a plate holds the nodes on it too: they follow its deviation within `follow`. Where the
+    simulation of the nodes was given the plate as it was recorded, they have the plateau already (option `alone`).
     """
 
     id = "thermal.latent_heat"
@@ -26,7 +27,7 @@ class LatentHeat(Effect):
     confusable = ("thermal.contact_resistance", "thermal.sensor_offset")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """One per temperature channel that passes 0 °C in time."""
+        """One per temperature channel that passes 0 °C in time; of a plate with and without the nodes on it."""
         for channel in view.channels(Role.TEMPERATURE):
             low, high = view.span(f"sim_{channel.name}")
             record = history(view, f"sim_{channel.name}")
@@ -34,26 +35,29 @@ class LatentHeat(Effect):
                 continue
             duration = record.interval * record.values.shape[1]
             carried = _carried(view, channel.name)
-            follow = (shape("follow", record.unit, 0.2 * record.interval, 0.1 * duration, 40.0),) if carried else ()
-            yield Variant(
-                effect=self.id,
-                options={"channel": channel.name},
-                parameters=(
-                    amplitude("latent", "K", 0.0, 200.0, 2.0),
-                    shape(
-                        "time_constant",
-                        record.unit,
-                        record.interval,
-                        0.3 * duration,
-                        0.005 * duration,
-                        0.05 * duration,
+            for others in ((), carried) if carried else ((),):
+                follow = (
+                    (shape("follow", record.unit, 0.2 * record.interval, 0.1 * duration, 40.0),) if others else ()
+                )
+                yield Variant(
+                    effect=self.id,
+                    options={"channel": channel.name, **({"alone": True} if carried and not others else {})},
+                    parameters=(
+                        amplitude("latent", "K", 0.0, 200.0, 2.0),
+                        shape(
+                            "time_constant",
+                            record.unit,
+                            record.interval,
+                            0.3 * duration,
+                            0.005 * duration,
+                            0.05 * duration,
+                        ),
+                        shape("melting_point", "°C", -4.0, 4.0, 0.0),
+                        *follow,
                     ),
-                    shape("melting_point", "°C", -4.0, 4.0, 0.0),
-                    *follow,
-                ),
-                channels=(channel.name, *carried),
-                drivers=(f"sim_{channel.name}", "time_s" if view.varies("time_s") else "step"),
-            )
+                    channels=(channel.name, *others),
+                    drivers=(f"sim_{channel.name}", "time_s" if view.varies("time_s") else "step"),
+                )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Solves the node again with the plateau."""
@@ -97,10 +101,10 @@ class LatentHeat(Effect):
 
 def _carried(view: View, channel: str) -> tuple[str, ...]:
     """Temperature channels of the nodes that stand on a plate; none for another node."""
-    if not channel.startswith("plate_"):
+    if not is_of(channel, "plate"):
         return ()
     others = (entry.name for entry in view.channels(Role.TEMPERATURE))
-    return tuple(name for name in others if name != channel and not name.startswith(("coolant_", "ambient_")))
+    return tuple(name for name in others if name != channel and not is_of(name, "coolant", "ambient", "chamber"))
 
 
 def _plateau(record: History, tau: float, point: float, latent: float) -> FloatArray:
