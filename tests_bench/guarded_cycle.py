@@ -33,7 +33,6 @@ from tests_bench.killed_cycles import PATIENCE_S, fork, past_of, wait_for
 from tests_bench.small_cycle import Quiet, measure_all
 
 GRACE_S = 1.5
-"""Long enough that a machine under load does not count as a client that hangs."""
 DEAD = {"", "Z", "X"}
 CALLED = "nobody is left: the next guard is called"
 OVER = 3

@@ -69,7 +69,9 @@ def stand(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stand]:
     folder = tmp_path_factory.mktemp("g")
     # a record with each frame: with every other one it depends on the phase whether a sweep has enough of them
     text = BENCH.replace("operating_every_frames: 2", "operating_every_frames: 1")
-    options = write_files(folder, bench=text + "guard: {{poll_s: 1.0}}\n")
+    # whoever is slow because the machine is has not died of it
+    guard = "guard: {{poll_s: 1.0, reply_timeout_s: 300, lease_s: 600}}\n"
+    options = write_files(folder, bench=text + guard)
     known: dict[str, SessionFiles] = {}
     numbers = iter(range(1_000_000))
 

@@ -6,6 +6,7 @@ import contextlib
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, final
@@ -15,13 +16,15 @@ from arl_fixtures.bench.guard_settings import Action
 from arl_fixtures.devices.port import Clock, StreamPort
 from arl_fixtures.errors import ArlError, DeviceLostError, InterlockError
 from arl_fixtures.guard.core import Request
-from arl_fixtures.guard.runtime import NoGuardError, started
+from arl_fixtures.guard.runtime import NoGuardError, process_state, started
 from arl_fixtures.lab.client import ERRORS, LabClock, Unsent
 from arl_fixtures.lab.framing import Link, Message, PeerLostError
 
 _SAFE_STATE_S: Final = 5.0
 """It may be busy making the bench safe after the last test when this one comes."""
+_BURIAL_S: Final = 30.0
 _TAKEOVER_TRIES: Final = 100
+"""After the guard is dead, or should be at last."""
 _TAKEOVER_PAUSE_S: Final = 0.02
 
 
@@ -131,6 +134,11 @@ class GuardLink:
             self._announced = True
             raise InterlockError(self.lost)
 
+    @property
+    def buried(self) -> bool:
+        """Whether nothing is left of the guard's process that could hold a line."""
+        return started(self.pid) != self._started or process_state(self.pid) in {"Z", "X"}
+
     def close(self) -> None:
         """Hang up."""
         self._link.close()
@@ -228,11 +236,14 @@ class GuardedPort:
         return self._direct
 
     def _take_over(self) -> StreamPort:
-        """Open the line; the kernel may take a moment to bury the guard and free it."""
-        for _ in range(_TAKEOVER_TRIES - 1):
+        """Open the line; the kernel may take a moment to bury the guard and free it, on a busy machine a long one."""
+        deadline_s, left = time.monotonic() + _BURIAL_S, _TAKEOVER_TRIES
+        while left > 1:
             try:
                 return self._open_line()
             except DeviceLostError:
+                if self._link.buried or time.monotonic() > deadline_s:
+                    left -= 1
                 threading.Event().wait(_TAKEOVER_PAUSE_S)
         return self._open_line()
 

@@ -50,7 +50,8 @@ class Client:
 
     number: int
     peer: Peer
-    name: str = "?"
+    pid: int
+    name: str = ""
     role: Role = "follower"
     runs_since_s: float = 0.0
     asked: Any = None

@@ -5,16 +5,16 @@ computes holds the clock. *Followers* (a guard) hold it too, but it never jumps 
 neither hold it nor let it jump. Of several whose waiting ends at the same instant one runs at a time, in the order in
 which they connected, so that the same session runs the same way each time. A client that neither waits nor says
 anything for `grace_s` (stopped, hung) holds the clock no longer: from then on, as when no driver is connected,
-time passes as on the wall. A client that dies counts no more.
+time passes as on the wall of a machine that does nothing else (`OwnTime`). A client that dies counts no more.
 """
 
 from __future__ import annotations
 
+import contextlib
 import math
+import os
 import selectors
 import socket
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, final
 
@@ -25,6 +25,7 @@ from arl_fixtures.errors import ArlError, DeviceLostError, LocalProtocolError
 from arl_fixtures.lab.clients import NEVER, Client, Waiting, World, role_of
 from arl_fixtures.lab.datagrams import pack_datagrams
 from arl_fixtures.lab.framing import Message, Peer, PeerLostError, listen
+from arl_fixtures.lab.own_time import OwnTime
 from arl_fixtures.lab.watch import PlantWatch
 
 _MOURNING_S: Final = 0.5
@@ -39,18 +40,16 @@ class LabServer:
         world: plant, emulators and their clock.
         path: where to listen.
         grace_s: wall time for which a client that does not wait holds the clock.
-        wall_s: wall clock.
     """
 
-    def __init__(
-        self, world: World, path: Path, *, grace_s: float = 2.0, wall_s: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._world, self._clock, self._grace_s, self._wall_s = world, world.clock, grace_s, wall_s
+    def __init__(self, world: World, path: Path, *, grace_s: float = 2.0) -> None:
+        self._world, self._clock, self._grace_s = world, world.clock, grace_s
+        self._wall_s = OwnTime(self._who_counts)
         self._path = path
         self._watch = PlantWatch(world.plant)
         self._clients: dict[int, Client] = {}
         self._next_number = 1
-        self._lost_wall_s = wall_s() - _MOURNING_S
+        self._lost_wall_s = self._wall_s() - _MOURNING_S
         self._pace: tuple[float, float] | None = None
         self._selector = selectors.DefaultSelector()
         self._listener = listen(path)
@@ -63,6 +62,7 @@ class LabServer:
 
     def serve(self) -> None:
         """Serve until `stop`."""
+        self._wall_s.start()
         try:
             while not self._stopping:
                 self._turn()
@@ -72,10 +72,13 @@ class LabServer:
     def stop(self) -> None:
         """Make `serve` return; may be called from a signal handler or another thread."""
         self._stopping = True
-        self._waker.send(b"x")
+        # `serve` may see it before it is woken, and be gone
+        with contextlib.suppress(OSError):
+            self._waker.send(b"x")
 
     def close(self) -> None:
         """Hang up on everybody."""
+        self._wall_s.stop()
         for client in self._clients.values():
             client.peer.close()
         self._clients.clear()
@@ -98,7 +101,8 @@ class LabServer:
 
     def _accept(self) -> None:
         connection, _ = self._listener.accept()
-        client = Client(self._next_number, Peer(connection), runs_since_s=self._wall_s())
+        peer = Peer(connection)
+        client = Client(self._next_number, peer, peer.pid, runs_since_s=self._wall_s())
         self._next_number += 1
         self._clients[client.number] = client
         self._selector.register(client.peer, selectors.EVENT_READ, client)
@@ -134,6 +138,11 @@ class LabServer:
         self._lost_wall_s = self._wall_s()
 
     # -- time
+
+    def _who_counts(self) -> list[int]:
+        """This process and its clients, but nobody who only looks on or has not said yet who it is."""
+        clients = list(self._clients.values())
+        return [os.getpid(), *(each.pid for each in clients if each.name and each.role != "onlooker")]
 
     def _patience_s(self) -> float | None:
         """How long to wait for messages before time must pass by itself; None: for ever."""

@@ -1,6 +1,7 @@
 """A lab, a guard and test processes that really die. Nothing here sleeps: it waits for something, in bounds."""
 
 import contextlib
+import json
 import os
 import select
 import signal
@@ -21,7 +22,9 @@ from arl_fixtures.lab.client import LabClient
 from arl_fixtures.lab.framing import Link, PeerLostError
 from arl_fixtures.lab.run import run_lab
 
-PATIENCE_S = 40.0
+PATIENCE_S = 300.0
+LEASE_S = 600.0
+"""Longer than any machine is busy: who hangs here was made to."""
 
 BENCH = """
 name: {name}
@@ -34,7 +37,8 @@ duts:
   driver: hfl110
   url: emulated
   units: [{duts}/emulated-top.yaml, {duts}/emulated-middle.yaml, {duts}/emulated-bottom.yaml]
-{guard}
+guard: {{reply_timeout_s: {patience_s:g}, lease_s: {lease_s:g}{guard}}}
+{extra}
 """
 
 
@@ -77,6 +81,15 @@ def reap(pid):
     pytest.fail(f"process {pid} did not end")
 
 
+def write_bench(file, name, *, guard="", extra=""):
+    """A bench file with these settings of the guard, as `poll_s: 1.0`, and lines more."""
+    text = BENCH.format(
+        name=name, duts=BUILT_IN.parent / "duts", patience_s=PATIENCE_S, lease_s=LEASE_S,
+        guard=f", {guard}" if guard else "", extra=extra,
+    )  # fmt: skip
+    file.write_text(text)
+
+
 @dataclass
 class Stand:
     """A bench in a lab, with a folder for its guards."""
@@ -111,6 +124,12 @@ class Stand:
 
     def guard_pid(self):
         return lease_holder(self.places.lease, lease_s=1e9)
+
+    def end_lease(self):
+        """Its guard, which is stopped, has not renewed its lease for as long as that lasts."""
+        holder = json.loads(self.places.lease.read_text())
+        holder["renewed_s"] -= LEASE_S
+        self.places.lease.write_text(json.dumps(holder))
 
     def inspect(self):
         onlooker = LabClient.connect(self.lab, "onlooker", role="onlooker")
@@ -182,10 +201,8 @@ def lab(tmp_path_factory):
     path = tmp_path_factory.mktemp("lab") / "s"
     file = path.with_name("bench.yaml")
     # near the reference, so that homing takes little time
-    near = "emulation: {plant: {stage_start_deg: -70}}"
-    file.write_text(BENCH.format(name="lab", duts=BUILT_IN.parent / "duts", guard=near))
+    write_bench(file, "lab", extra="emulation: {plant: {stage_start_deg: -70}}")
     config = load_bench(str(file))
-    # long enough that a machine under load does not count as a guard that hangs
     pid = fork(lambda: run_lab(config, path, grace_s=1.5))
     until(path.is_socket, "the lab listens")
     yield path
@@ -201,7 +218,7 @@ def stands_on(lab, tmp_path_factory):
     def made(guard=""):
         folder = tmp_path_factory.mktemp("b")
         file = folder / "bench.yaml"
-        file.write_text(BENCH.format(name=f"bench{len(stands)}", duts=BUILT_IN.parent / "duts", guard=guard))
+        write_bench(file, f"bench{len(stands)}", guard=guard)
         stands.append(Stand(str(file), lab, folder / "r"))
         return stands[-1]
 

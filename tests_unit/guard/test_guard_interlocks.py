@@ -14,17 +14,14 @@ from arl_fixtures.guard.acknowledge import acknowledge
 from arl_fixtures.guard.runtime import read_stop
 
 HOLD = """
-guard:
-  poll_s: 1.0
-  clear_s: 4.0
-  conditions:
-    - {watch: level, floor: 50, action: hold}
-    - {watch: chiller_alarm}
+  poll_s: 1.0,
+  clear_s: 4.0,
+  conditions: [{watch: level, floor: 50, action: hold}, {watch: chiller_alarm}]
 """
 
 
 def test_an_alarm_ends_the_session_and_asks_for_an_acknowledgement(make_stand, run_test):
-    stand = make_stand("guard: {poll_s: 1.0}")
+    stand = make_stand("poll_s: 1.0")
     pid = run_test(stand, go_on)
     alarm_s = stand.inspect()["state"]["now_s"]
     stand.inject(f"chiller:chiller_alarm@{alarm_s}=-4")
@@ -76,7 +73,7 @@ def test_a_pause_is_asked_for_heeded_and_over(make_stand):
 
 
 def test_a_chiller_that_does_not_answer_does_not_keep_the_power_on(make_stand, run_test):
-    stand = make_stand("guard: {attempts: 2, poll_s: 1.0, conditions: [{watch: coolant, stale_s: 3}]}")
+    stand = make_stand("attempts: 2, poll_s: 1.0, conditions: [{watch: coolant, stale_s: 3}]")
     pid = run_test(stand, go_on)
     before_s = stand.inspect()["state"]["now_s"]
     stand.inject(f"chiller:silence@{before_s}")
@@ -101,7 +98,7 @@ def test_a_chiller_that_does_not_answer_does_not_keep_the_power_on(make_stand, r
 
 
 def test_guard_and_test_share_the_lines_without_tearing_an_exchange(make_stand):
-    stand = make_stand("guard: {poll_s: 0.02}")  # as often as it gets a turn
+    stand = make_stand("poll_s: 0.02")  # as often as it gets a turn
     with stand.open_guard() as guard:
         bench = open_bench(stand.config, lines=guard.lines)
         guard.attach(bench)
@@ -122,7 +119,7 @@ def test_guard_and_test_share_the_lines_without_tearing_an_exchange(make_stand):
 
 @pytest.mark.parametrize("late", ["thermometer:late_reply", "stage:late_reply", "relays:late_reply"])
 def test_late_answers_of_one_user_are_never_taken_by_the_other(make_stand, late):
-    stand = make_stand("guard: {poll_s: 0.25, line_quiet_s: 2.0, conditions: []}")
+    stand = make_stand("poll_s: 0.25, line_quiet_s: 2.0, conditions: []")
     with stand.open_guard() as guard:
         bench = open_bench(stand.config, lines=guard.lines)
         guard.attach(bench)
@@ -148,7 +145,7 @@ def test_late_answers_of_one_user_are_never_taken_by_the_other(make_stand, late)
 
 
 def test_a_set_of_frames_longer_than_any_patience_is_neither_a_dead_test_nor_a_mute_dut(make_stand):
-    stand = make_stand("guard: {poll_s: 1.0, heartbeat_timeout_s: 3.0, conditions: [{watch: duts, stale_s: 2}]}")
+    stand = make_stand("poll_s: 1.0, heartbeat_timeout_s: 3.0, conditions: [{watch: duts, stale_s: 2}]")
     with stand.open_guard() as guard:
         bench = open_bench(stand.config, lines=guard.lines)
         guard.attach(bench)
@@ -160,7 +157,7 @@ def test_a_set_of_frames_longer_than_any_patience_is_neither_a_dead_test_nor_a_m
 
 
 def test_a_welded_relay_is_told_by_the_dut_that_goes_on_sending(make_stand, run_test):
-    stand = make_stand("guard: {poll_s: 1.0}")
+    stand = make_stand("poll_s: 1.0")
 
     def boot_and_go_on(guard, bench):
         bench.soak(15.0)
@@ -186,7 +183,7 @@ def test_a_welded_relay_is_told_by_the_dut_that_goes_on_sending(make_stand, run_
 
 
 def test_at_an_orderly_end_a_welded_relay_is_told_to_the_test(make_stand, run_test):
-    stand = make_stand("guard: {poll_s: 1.0}")
+    stand = make_stand("poll_s: 1.0")
 
     def end(guard, bench):
         bench.soak(15.0)

@@ -20,7 +20,7 @@ def interrupted(stand, cause, *, ack_if_verified):
 
 
 def test_after_a_lost_test_the_next_session_may_follow_at_once(make_stand):
-    stand = make_stand("guard: {poll_s: 1.0}")
+    stand = make_stand("poll_s: 1.0")
     interrupted(stand, "the test (process 7) died", ack_if_verified=False)
     with stand.open_guard() as guard:
         assert "the test (process 7) died; the guard died while it made the bench safe" in guard.last_stop
@@ -29,7 +29,7 @@ def test_after_a_lost_test_the_next_session_may_follow_at_once(make_stand):
 
 
 def test_after_a_tripped_condition_it_is_made_safe_first_and_acknowledged_then(make_stand):
-    stand = make_stand("guard: {poll_s: 1.0}")
+    stand = make_stand("poll_s: 1.0")
     interrupted(stand, "housings ceiling 95: T2 reads 99 °C", ack_if_verified=True)
     with pytest.raises(InterlockError, match=r"T2 reads 99 °C.*acknowledge with: arl ack"):
         stand.open_guard()

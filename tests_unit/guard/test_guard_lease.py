@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from real_processes import assert_safe_within, go_on, is_safe, reap, until, zombie
+from real_processes import LEASE_S, PATIENCE_S, assert_safe_within, go_on, is_safe, reap, until, zombie
 
 from arl_fixtures.bench.build import open_bench
 from arl_fixtures.errors import DataError, InterlockError, StorageError
@@ -17,7 +17,7 @@ from arl_fixtures.guard.runtime import Lease, Places, StopReport, read_stop, wri
 
 @pytest.fixture(scope="module")
 def stand(make_module_stand):
-    return make_module_stand("guard: {reply_timeout_s: 1.0, lease_s: 1.1, poll_s: 1.0}")
+    return make_module_stand("poll_s: 1.0")
 
 
 def first_lost(events, name):
@@ -29,7 +29,7 @@ def test_a_second_guard_and_a_second_test_are_refused(stand, run_test):
     guard = stand.guard_pid()
     command = [sys.executable, "-m", "arl_fixtures.guard", "--bench", stand.bench_file, "--lab", str(stand.lab)]
     command += ["--runtime", str(stand.runtime)]
-    second = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    second = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert second.returncode == 3
     assert second.stderr.count("\n") == 1
     assert f"another guard (process {guard}) holds this bench" in second.stderr
@@ -54,11 +54,17 @@ def test_a_killed_guard_is_noticed_by_the_test_which_makes_safe_itself(stand, ru
 
 
 def test_a_guard_that_hangs_is_killed_for_its_lines(stand, run_test):
-    pid = run_test(stand, go_on)
-    guard = stand.guard_pid()
-    os.kill(guard, signal.SIGSTOP)
-    assert reap(pid) == 3
-    assert not Path(f"/proc/{guard}").exists() or zombie(guard)
+    def go_on_without(guard, bench):
+        assert guard._link._patience_s == stand.config.guard.reply_timeout_s
+        guard._link._patience_s = 1.0
+        (stand.runtime / "stopped").write_text(str(guard.pid))
+        os.kill(guard.pid, signal.SIGSTOP)
+        go_on(guard, bench)
+
+    assert reap(run_test(stand, go_on_without)) == 3
+    guard = int((stand.runtime / "stopped").read_text())
+    assert "no answer to" in (stand.runtime / "heard").read_text()
+    until(lambda: not Path(f"/proc/{guard}").exists() or zombie(guard), "the guard dies of it")
     assert is_safe(stand.inspect()["state"])
 
 
@@ -95,9 +101,9 @@ def test_another_version_of_the_bench_file_gets_another_guard(stand, run_test):
 
 def test_a_lease_is_renewed_while_it_is_held_and_over_when_its_holder_hangs(tmp_path):
     path = tmp_path / "lease.json"
-    lease = Lease(path, lease_s=5.0)
+    lease = Lease(path, lease_s=LEASE_S)
     with pytest.raises(InterlockError, match=f"process {os.getpid()}"):
-        Lease(path, lease_s=5.0)
+        Lease(path, lease_s=LEASE_S)
     lease.release()
     holder = subprocess.Popen(
         [sys.executable, "-c", HOLD, str(path)], stdout=subprocess.PIPE, stdin=subprocess.PIPE, text=True
@@ -106,7 +112,7 @@ def test_a_lease_is_renewed_while_it_is_held_and_over_when_its_holder_hangs(tmp_
         assert holder.stdout is not None
         assert holder.stdout.readline() == "held\n"
         until(lambda: can_take(path), "the lease of a holder that never renews is over")
-        assert holder.wait(timeout=20) == -signal.SIGKILL
+        assert holder.wait(timeout=PATIENCE_S) == -signal.SIGKILL
 
 
 HOLD = """
@@ -147,6 +153,6 @@ def test_a_folder_that_others_could_forge_or_sockets_cannot_use_is_refused(tmp_p
 
 
 def test_a_guard_of_its_own_for_hardware_inside_the_test_makes_no_sense(make_stand):
-    stand = make_stand("guard: {process: true}")
+    stand = make_stand("process: true")
     with pytest.raises(Exception, match="needs hardware outside the test process"):
         open_guard(stand.config, bench_file=stand.bench_file)

@@ -4,7 +4,9 @@ import pytest
 
 from arl_fixtures.bench.clock import VirtualClock
 from arl_fixtures.errors import DeviceLostError, DeviceTimeoutError
+from arl_fixtures.guard import link as guard_link
 from arl_fixtures.guard.line import HOLD_S, Line, OwnPort, Patience, PatientClock
+from arl_fixtures.guard.link import GuardedPort
 
 QUIET_S = 3.0
 
@@ -143,6 +145,42 @@ def test_the_guards_sleep_is_cut_by_deadline_and_urgency(host, patience):
         clock.sleep(1.0)
     assert clock.now_s == pytest.approx(1.2)
     assert clock.utc_ns() == host.clock.utc_ns()
+
+
+class LostGuard:
+    """The test's side of a guard that was killed, and takes a while to die of it."""
+
+    lost = "the guard is gone"
+
+    def __init__(self, dies_after_looks):
+        self._looks = dies_after_looks
+
+    def announce(self):
+        pass
+
+    @property
+    def buried(self):
+        self._looks -= 1
+        return self._looks < 0
+
+
+def test_the_test_waits_for_a_line_until_the_dead_guard_is_buried_however_long_that_takes(monkeypatch):
+    monkeypatch.setattr(guard_link, "_TAKEOVER_PAUSE_S", 0.0)
+    tries, port = [], Port()
+
+    def open_line():
+        tries.append(1)
+        if len(tries) < 1000:
+            raise DeviceLostError("the line is owned by 'guard'")
+        return port
+
+    GuardedPort("relays", "relays", LostGuard(990), open_line).write(b"off")
+    assert port.written == [b"off"]
+    # a line that is not free though the guard is dead is somebody else's
+    tries.clear()
+    with pytest.raises(DeviceLostError, match="owned"):
+        GuardedPort("relays", "relays", LostGuard(0), open_line).write(b"off")
+    assert len(tries) == guard_link._TAKEOVER_TRIES
 
 
 def test_releasing_a_line_that_is_gone_is_no_error(line):

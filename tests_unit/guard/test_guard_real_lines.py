@@ -1,4 +1,8 @@
-"""The same on real lines in real time: a TCP connection and three serial lines (ptys), no lab."""
+"""The same on real lines in real time: a TCP connection and three serial lines (ptys), no lab.
+
+The plant's time is that of the processes involved (`OwnTime`): the stage does not run on while a busy machine lets
+none of them run, and the two seconds are theirs.
+"""
 
 import os
 import select
@@ -7,7 +11,8 @@ import subprocess
 import sys
 
 import pytest
-from real_processes import PATIENCE_S, until
+from real_processes import LEASE_S, PATIENCE_S, until
+from ruamel.yaml import YAML
 
 from arl_fixtures.bench.build import CONTROL_LINES, make_line
 from arl_fixtures.bench.config import load_bench
@@ -16,6 +21,8 @@ from arl_fixtures.bench.serve import EmulatorServer
 from arl_fixtures.emulators.plant import Plant, PlantSettings
 from arl_fixtures.guard.runtime import Places, lease_holder, read_stop
 from arl_fixtures.lab.framing import Link
+from arl_fixtures.lab.own_time import OwnTime
+from arl_fixtures.yaml_model import load_yaml
 
 DRIVE = """
 import sys
@@ -34,7 +41,7 @@ with open_guard(config, bench_file=sys.argv[1], runtime=Path(sys.argv[2])) as gu
         relays.set(load, True)
     chiller.set_setpoint_c(60.0)
     chiller.start()
-    stage.home(30.0)
+    stage.home(300.0)
     stage.move_to_deg(60.0)
     print("ready", flush=True)
     while True:
@@ -44,12 +51,31 @@ with open_guard(config, bench_file=sys.argv[1], runtime=Path(sys.argv[2])) as gu
 """
 
 
+class OwnClock:
+    """What `OwnTime` says of this process and all that it has started."""
+
+    def __init__(self):
+        self.own = OwnTime(lambda: [os.getpid()])
+
+    @property
+    def now_s(self):
+        return self.own()
+
+
 @pytest.fixture
-def hardware(tmp_path):
+def clock():
+    clock = OwnClock()
+    clock.own.start()
+    yield clock
+    clock.own.stop()
+
+
+@pytest.fixture
+def hardware(tmp_path, clock):
     """Emulators on real lines; gives plant, clock and the bench file that points at them."""
     config = load_bench("emulated")
     plant = Plant(PlantSettings(stage_start_deg=-70.0))
-    server = EmulatorServer()
+    server = EmulatorServer(clock)
     urls = {}
     for kind in CONTROL_LINES:
         device = make_line(config, kind, plant)
@@ -60,8 +86,18 @@ def hardware(tmp_path):
             urls[kind] = f"serial://{server.add_pty(kind, device)}"
     file = tmp_path / "bench.yaml"
     file.write_text(bench_file_for("emulated", urls))
+    be_patient(file)
     with server:
-        yield plant, server.clock, file
+        yield plant, clock, file
+
+
+def be_patient(file):
+    """No process that is only slow is taken for one that hangs."""
+    tree = load_yaml(file)
+    for kind in CONTROL_LINES:
+        tree[kind].setdefault("settings", {})["timeout_s"] = PATIENCE_S
+    tree["guard"] = {"reply_timeout_s": PATIENCE_S, "lease_s": LEASE_S, "heartbeat_timeout_s": PATIENCE_S}
+    YAML(typ="rt", pure=True).dump(tree, file)
 
 
 @pytest.fixture
@@ -106,7 +142,8 @@ def test_a_test_that_dies_on_real_lines(hardware, victim, tmp_path, number):
     steps = [action["step"] for action in stop.actions]
     assert steps[:3] == ["laser and DUT power off", "safe set-point", "stage stopped"]
     # on these lines, too, the guard stays for the next test, and goes when it is told to
-    guard = lease_holder(places.lease, lease_s=10.0)
+    guard = lease_holder(places.lease, lease_s=LEASE_S)
+    assert guard
     link = Link.connect(places.socket)
     assert link.ask({"op": "status"}, timeout_s=PATIENCE_S).header["state"] == "idle"
     link.close()
@@ -117,7 +154,8 @@ def test_a_test_that_dies_on_real_lines(hardware, victim, tmp_path, number):
 def test_a_test_that_dies_with_its_guard_on_real_lines(hardware, victim, tmp_path):
     plant, clock, _ = hardware
     places = Places.of("emulated", tmp_path / "r")
-    guard = lease_holder(places.lease, lease_s=10.0)
+    guard = lease_holder(places.lease, lease_s=LEASE_S)
+    assert guard
     since_s = clock.now_s
     for pid in (guard, victim.pid):
         os.kill(pid, signal.SIGKILL)

@@ -62,7 +62,7 @@ def test_a_session_in_the_lab_equals_one_inside_the_process(tmp_path):
 def test_a_lab_says_in_one_line_what_is_wrong(tmp_path):
     command = [sys.executable, "-m", "arl_fixtures.lab", "--bench", "emulated", "--lab", str(tmp_path / "s")]
     command += ["--fault", "chiller:melted"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "unknown kind 'melted'" in done.stderr

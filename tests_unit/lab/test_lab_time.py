@@ -18,6 +18,7 @@ from arl_fixtures.lab.client import LabClient
 from arl_fixtures.lab.server import LabServer
 
 GRACE_S = 0.1
+PATIENCE_S = 300.0
 
 
 @pytest.fixture
@@ -29,7 +30,7 @@ def lab(tmp_path):
     thread.start()
     yield path
     server.stop()
-    thread.join(timeout=10)
+    thread.join(timeout=PATIENCE_S)
     assert not thread.is_alive()
 
 
@@ -188,7 +189,7 @@ def test_a_stopped_driver_cannot_freeze_time_and_goes_on_when_continued(lab, con
         assert guard.clock.now_s >= start_s + 0.5
         os.kill(victim.pid, signal.SIGCONT)
         assert float(victim.stdout.readline()) >= start_s + 1.0
-        assert victim.wait(timeout=10) == 0
+        assert victim.wait(timeout=PATIENCE_S) == 0
 
 
 def test_frames_come_in_bursts_and_only_with_power(connect):
