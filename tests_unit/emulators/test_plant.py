@@ -1,9 +1,9 @@
 from __future__ import annotations
 
 import math
-import time
 
 import pytest
+from processor_time import processor_s
 
 from arl_fixtures.emulators.faults import Fault, FaultBook
 from arl_fixtures.emulators.plant import Plant, PlantSettings
@@ -144,8 +144,9 @@ def test_one_housing_for_each_sensor():
 
 
 def test_six_hours_cost_less_than_two_seconds_of_computing():
-    plant = driven(85.0)
-    begin_s = time.process_time()
-    for second in range(0, 6 * 3600, 5):
-        plant.advance(float(second))
-    assert time.process_time() - begin_s < 2.0
+    def six_hours():
+        plant = driven(85.0)
+        for second in range(0, 6 * 3600, 5):
+            plant.advance(float(second))
+
+    assert processor_s(six_hours) < 2.0

@@ -3,12 +3,12 @@
 import errno
 import os
 import threading
-import time
 from pathlib import Path
 from typing import get_args
 
 import pytest
 from journal_samples import begin, identity, judgement, measurement, step_begin, step_end
+from processor_time import processor_s
 
 from arl_fixtures.bench.clock import VirtualClock
 from arl_fixtures.errors import StorageError
@@ -16,7 +16,7 @@ from arl_fixtures.journal import entries as said
 from arl_fixtures.journal.journal import PART_OF_A_STEP, Journal
 
 LARGEST_S = 0.2e-3
-PATIENCE_S = 30.0
+PATIENCE_S = 300.0
 RELIED_ON = [
     step_end(0, 1, "PASS"),
     said.SessionResume(identity=identity()),
@@ -70,11 +70,12 @@ def journal(tmp_path: Path, disk):
 
 
 def test_each_entry_takes_its_time(journal):
-    start_s = time.process_time()
-    for dut in range(300):
-        journal.append(measurement(0, 1))
-        journal.append(judgement(0, 1, "PASS", dut=f"SN-{dut}"))
-    assert (time.process_time() - start_s) / 600 < LARGEST_S
+    def say():
+        for dut in range(300):
+            journal.append(measurement(0, 1))
+            journal.append(judgement(0, 1, "PASS", dut=f"SN-{dut}"))
+
+    assert processor_s(say) / 600 < LARGEST_S
 
 
 def test_all_that_a_step_has_measured_is_one_sync(journal, disk):

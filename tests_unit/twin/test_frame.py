@@ -5,13 +5,13 @@ projection, and traces them one by one.
 """
 
 import math
-import time
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 import scipy.optimize
+from processor_time import processor_s
 
 from arl_fixtures.twin.beam import PowerPatch
 from arl_fixtures.twin.frame import Renderer, to_stage
@@ -243,7 +243,12 @@ def test_frames_cannot_be_changed_by_accident():
 def test_an_angle_is_cheap():
     renderer = Renderer(DUT)
     renderer.expected(0.0)
-    start_s = time.process_time()
-    for angle in range(40):
-        renderer.expected(-60.0 + 3 * angle)
-    assert (time.process_time() - start_s) / 40 < 10e-3
+    places = iter(range(1000))
+
+    def render() -> None:
+        # no place twice: it may be known then
+        place = next(places)
+        for angle in range(40):
+            renderer.expected(-60.0 + 3 * angle + 0.01 * place)
+
+    assert processor_s(render) / 40 < 10e-3

@@ -1,9 +1,9 @@
 """The thermal network against its differential equations, solved by scipy, and against its balances."""
 
-import time
 
 import numpy as np
 import pytest
+from processor_time import processor_s
 from scipy.integrate import solve_ivp
 
 from arl_fixtures.twin.thermal import ThermalPlant, ThermalSettings
@@ -105,10 +105,7 @@ def test_first_call_marks_the_start_of_a_resumed_session():
 
 
 def test_six_hours_are_cheap():
-    plant = ThermalPlant(start_s=0.0)
-    start_s = time.process_time()
-    run(plant, 6 * 3600, 60.0, every_s=1.0)
-    assert time.process_time() - start_s < 1.5
+    assert processor_s(lambda: run(ThermalPlant(start_s=0.0), 6 * 3600, 60.0, every_s=1.0)) < 1.5
 
 
 def test_wrong_number_of_power_states_is_refused():
