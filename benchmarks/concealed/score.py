@@ -98,7 +98,8 @@ def overlap(said: dict[str, list[Any]], true: dict[str, list[Any]], columns: dic
 def unseen_explained(case: Path, oracle: Path, answer: Answer, channels: set[str]) -> float | None:
     """Share of the possible held-out improvement: 1 − Σ(said − true)² / Σ(sim − true)², in standard errors."""
     table, truth = pq.read_table(case / "heldout.parquet"), pq.read_table(oracle)
-    frames = np.maximum(table["n_frames"].to_numpy().astype(float), 1.0)
+    names = table.column_names
+    frames = np.maximum(table["n_frames"].to_numpy().astype(float), 1.0) if "n_frames" in names else 1.0
     left = before = 0.0
     for channel in channels & set(truth.column_names):
         if channel.endswith("_std"):
@@ -107,7 +108,7 @@ def unseen_explained(case: Path, oracle: Path, answer: Answer, channels: set[str
         if corrected is None:
             return None
         sim, real = table[f"sim_{channel}"].to_numpy(), truth[channel].to_numpy()
-        sigma = table[f"sim_{channel}_std"].to_numpy() / np.sqrt(frames)
+        sigma = table[f"sim_{channel}_std"].to_numpy() / np.sqrt(frames) if f"sim_{channel}_std" in names else 1.0
         fine = np.isfinite(real) & np.isfinite(table[channel].to_numpy()) & np.isfinite(sim)
         corrected = np.where(np.isfinite(corrected), corrected, sim)
         left += float(np.sum((((corrected - real) / sigma)[fine]) ** 2))
