@@ -28,6 +28,8 @@ _BLOCKS = (4, 6, 8, 12, 16, 24, 32, 48, 64)
 _CLOSE_DEG, _CLOSE_SHARE, _ROW_SHARE = 0.1, 0.1, 0.8  # shares of a pixel's width, over which it averages what it sees
 _NEAR = 9
 _ROUGH = 0.01
+_FLATTER = 0.9
+"""Share of the steps between samples of a line, below which the signal without a profile is taken for the scene."""
 _WORSE = 0.25  # between two angles a cubic errs by less than a quarter of the bend
 
 
@@ -70,12 +72,15 @@ def _make_scene(view: View) -> Scene | None:
     stage = np.nan_to_num(table.numbers["stage_angle_deg"]) if moving else np.zeros(table.n)
     flat = {name: _flattened(view, name, el) for name in (*signals(view), *distances(view))}
     sign = 1.0
+    row = table.group("dut", "pixel_v" if "pixel_v" in table.numbers else "elevation_deg")
     if moving and rays and flat:
-        test = next(iter(flat.values()))
-        row = table.group("dut", "pixel_v" if "pixel_v" in table.numbers else "elevation_deg")
-        if _roughness(row, az - stage, test) < 0.8 * _roughness(row, az + stage, test):
-            sign = -1.0
+        name = next(iter(flat))
+        tests = [flat[name], *([_bare(view, name, el)] if name in signals(view) else [])]
+        back, forth = (min(_roughness(row, az + way * stage, test) for test in tests) for way in (-1.0, 1.0))
+        sign = -1.0 if back < 0.8 * forth else 1.0
     bearing = az + sign * stage
+    if moving and rays:
+        flat |= {name: _likelier(view, name, row, bearing, flat[name], el) for name in signals(view)}
     bearing = bearing - bearing.min()
     line = _lines(view, bearing) if rays else table.group("dut", "pixel_u", "pixel_v")
     device = _first_of(line, table.group("dut"))
@@ -108,8 +113,26 @@ def _flattened(view: View, name: str, el: FloatArray) -> FloatArray:
     return np.asarray(values / (cos**3 * np.exp(profile.log(ray_column(view, "azimuth_deg"), el))))
 
 
+def _likelier(
+    view: View, name: str, row: IntArray, bearing: FloatArray, flat: FloatArray, el: FloatArray
+) -> FloatArray:
+    """A flattened signal, or the signal as it is where pixels that see the same bearing then agree better.
+
+    Where the table does not tell surfaces apart, the profile that was fitted may be the scene's.
+    """
+    bare = _bare(view, name, el)
+    return bare if _roughness(row, bearing, bare) < _FLATTER * _roughness(row, bearing, flat) else flat
+
+
+def _bare(view: View, name: str, el: FloatArray) -> FloatArray:
+    """A signal of which only the rays' elevation is taken out, as if nothing but the surfaces shaped it."""
+    return np.asarray(view.columns.numbers[f"sim_{name}"] / np.cos(np.radians(el)) ** 3)
+
+
 def _roughness(line: IntArray, bearing: FloatArray, values: FloatArray) -> float:
-    """Median absolute step between neighbours on a curve: small where the bearing is the right one."""
+    """Mean relative step between neighbours on a curve: small where the bearing is the right one."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        values = np.log(values)
     good = np.flatnonzero(np.isfinite(values))
     order = good[np.lexsort((bearing[good], line[good]))]
     same = line[order][1:] == line[order][:-1]
