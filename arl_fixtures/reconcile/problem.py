@@ -353,12 +353,16 @@ def carry_gains(problem: Problem, state: State) -> None:
 def stated_error(view: View, channel: Channel) -> tuple[FloatArray, bool]:
     """Standard error of each row's mean by the simulation's own noise model, and whether it states one.
 
-    A standard deviation of n frames scatters by sim_X_std · sqrt(1 − c4(n)²).
+    A standard deviation of n frames scatters by sim_X_std · sqrt(1 − c4(n)²), the share p of n frames that return by
+    sqrt(p (1 − p) / n), with p drawn to a half by one frame of each kind (Laplace's rule): none is ever certain.
     """
     frames = np.maximum(np.nan_to_num(view.frames(), nan=1.0), 1.0)
     if channel.role is Role.SCATTER:
         error = np.abs(view.sim[channel.name]) * np.sqrt(1.0 - shortfall(frames) ** 2)
         known = True
+    elif channel.role is Role.FRACTION and view.has("n_frames") and not view.has(f"sim_{channel.name}_std"):
+        share = (frames * np.clip(view.sim[channel.name], 0.0, 1.0) + 1.0) / (frames + 2.0)
+        error, known = np.sqrt(share * (1.0 - share) / frames), True
     else:
         name = f"sim_{channel.name}_std"
         known = name in view.columns.numbers and bool(np.any(view.columns.numbers[name] > 0))

@@ -62,3 +62,14 @@ def test_pixels_that_come_back_are_not_called_dead(tmp_path, make_table, save):
     answers(table, np.isin(pixel, (3, 7)) & np.isin(table["step"], (4, 5)), np.random.default_rng(2))
     diagnosis, _, _ = diagnose(load_table(save(tmp_path / "table.parquet", table)))
     assert "detector.dead_pixels" not in [f.effect for f in diagnosis.findings]
+
+
+def test_answers_that_are_lost_by_chance_are_no_mismatch(make_table, save, tmp_path):
+    """Of ten frames each brings its answer with 97 %, as the simulation says, which states no scatter of it."""
+    for seed in (5, 6, 7):
+        table = make_table(seed, None, steps=8)
+        rng = np.random.default_rng(seed)
+        table["valid_fraction"] = rng.binomial(10, 0.97, len(table["step"])) / 10.0
+        table["sim_valid_fraction"] = np.full(len(table["step"]), 0.97)
+        diagnosis, _, _ = diagnose(load_table(save(tmp_path / "table.parquet", table)))
+        assert [f.effect for f in diagnosis.findings] == []

@@ -228,7 +228,6 @@ def test_each_of_four_converters_may_be_off_by_itself(kind):
 
 
 def test_every_second_column_sees_half_of_the_converters_and_no_parity():
-    """Of eight converters the even ones are recorded: each differs, odd against even is nothing to be told."""
     column = np.tile(np.arange(0.0, 64.0, 2.0), 20)
     own = np.array([0.0, 9.0, -7.0, 9.0, -4.0, 9.0, -1.0, 9.0])[column.astype(int) % 8]
     light = np.repeat(np.linspace(200.0, 2000.0, 20), 32)
@@ -236,7 +235,6 @@ def test_every_second_column_sees_half_of_the_converters_and_no_parity():
     variants = list(library()["readout.column_pattern"].variants(view))
     assert {v.options["kind"] for v in variants} == {"periodic", "taps", "gains"}
     (eight,) = (v for v in variants if v.options["kind"] == "taps" and v.options["converters"] == 8)
-    assert [p.name for p in eight.parameters] == ["tap_2", "tap_4", "tap_6"]
     values = fit(view, eight, "signal_counts", {p.name: 1.0 for p in eight.parameters})
     assert values == pytest.approx({"tap_2": -7.0, "tap_4": -4.0, "tap_6": -1.0}, rel=1e-3)
     assert left_over(view, corrected(view, eight, **values), "signal_counts") < 1e-3
