@@ -70,7 +70,7 @@ def stand(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stand]:
     # a record with each frame: with every other one it depends on the phase whether a sweep has enough of them
     text = BENCH.replace("operating_every_frames: 2", "operating_every_frames: 1")
     # whoever is slow because the machine is has not died of it
-    guard = "guard: {{poll_s: 1.0, reply_timeout_s: 300, lease_s: 600}}\n"
+    guard = "guard: {{poll_s: 1.0, heartbeat_timeout_s: 300, reply_timeout_s: 300, lease_s: 600}}\n"
     options = write_files(folder, bench=text + guard)
     known: dict[str, SessionFiles] = {}
     numbers = iter(range(1_000_000))

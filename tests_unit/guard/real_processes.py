@@ -37,7 +37,7 @@ duts:
   driver: hfl110
   url: emulated
   units: [{duts}/emulated-top.yaml, {duts}/emulated-middle.yaml, {duts}/emulated-bottom.yaml]
-guard: {{reply_timeout_s: {patience_s:g}, lease_s: {lease_s:g}{guard}}}
+guard: {{reply_timeout_s: {patience_s:g}, lease_s: {lease_s:g}, watch_stopped: {watch_stopped}{guard}}}
 {extra}
 """
 
@@ -81,11 +81,15 @@ def reap(pid):
     pytest.fail(f"process {pid} did not end")
 
 
-def write_bench(file, name, *, guard="", extra=""):
-    """A bench file with these settings of the guard, as `poll_s: 1.0`, and lines more."""
+def write_bench(file, name, *, guard="", watch_stopped=False, extra=""):
+    """A bench file with these settings of the guard, as `poll_s: 1.0`, and lines more.
+
+    Whoever runs these tests may be stopped for a moment as well as kept waiting: that is no loss of the test, but
+    where just this is tried.
+    """
     text = BENCH.format(
         name=name, duts=BUILT_IN.parent / "duts", patience_s=PATIENCE_S, lease_s=LEASE_S,
-        guard=f", {guard}" if guard else "", extra=extra,
+        watch_stopped=str(watch_stopped).lower(), guard=f", {guard}" if guard else "", extra=extra,
     )  # fmt: skip
     file.write_text(text)
 
@@ -215,10 +219,10 @@ def stands_on(lab, tmp_path_factory):
     """Makes benches, each with guards of its own, on one lab; ends the guards afterwards."""
     stands = []
 
-    def made(guard=""):
+    def made(guard="", *, watch_stopped=False):
         folder = tmp_path_factory.mktemp("b")
         file = folder / "bench.yaml"
-        write_bench(file, f"bench{len(stands)}", guard=guard)
+        write_bench(file, f"bench{len(stands)}", guard=guard, watch_stopped=watch_stopped)
         stands.append(Stand(str(file), lab, folder / "r"))
         return stands[-1]
 

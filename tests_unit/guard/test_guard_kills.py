@@ -9,7 +9,7 @@ from real_processes import assert_safe_within, go_on, is_safe, reap, until
 
 @pytest.fixture(scope="module")
 def stand(make_module_stand):
-    return make_module_stand("poll_s: 1.0")
+    return make_module_stand("poll_s: 1.0", watch_stopped=True)
 
 
 def death_of_test(found):
@@ -105,7 +105,10 @@ def test_a_test_that_fails_says_good_bye(stand, run_test):
 
 
 def test_a_main_loop_that_hangs(make_stand, run_test, stand):
-    until(lambda: not stand.guard_pid(), "the guard of the other tests has gone home")
+    if other := stand.guard_pid():
+        # else it would stay for some minutes, with the lines
+        os.kill(other, signal.SIGTERM)
+        until(lambda: not stand.guard_pid(), "the guard of the other tests has gone home")
     stand = make_stand("heartbeat_timeout_s: 1.0, poll_s: 1.0")
 
     def hang(guard, bench):

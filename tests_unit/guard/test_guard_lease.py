@@ -17,7 +17,8 @@ from arl_fixtures.guard.runtime import Lease, Places, StopReport, read_stop, wri
 
 @pytest.fixture(scope="module")
 def stand(make_module_stand):
-    return make_module_stand("poll_s: 1.0")
+    # a living test has that long, too, before a sentinel takes it for one that hangs
+    return make_module_stand("poll_s: 1.0, heartbeat_timeout_s: 300")
 
 
 def first_lost(events, name):

@@ -19,7 +19,8 @@ from arl_fixtures.guard.sentinel import Sentinel, Watch
 
 @pytest.fixture
 def stand(make_stand):
-    return make_stand("poll_s: 1.0")
+    # a living test has that long, too, before a sentinel takes it for one that hangs
+    return make_stand("poll_s: 1.0, heartbeat_timeout_s: 300", watch_stopped=True)
 
 
 def stands_by(stand):
