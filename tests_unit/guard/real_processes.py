@@ -151,11 +151,13 @@ class Stand:
         finally:
             onlooker.close()
 
-    def inject(self, *faults):
+    def inject(self, fault):
+        """Let a fault happen; returns the bench time since when it is known to the plant."""
         onlooker = LabClient.connect(self.lab, "onlooker", role="onlooker")
-        for fault in faults:
-            onlooker.inject(fault)
+        onlooker.inject(fault)
+        since_s = onlooker.clock.now_s
         onlooker.close()
+        return since_s
 
     def clear_alarm(self):
         """What an engineer does at the thermostat's panel."""
