@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effects_common import distances, per_table, signals
+from arl_fixtures.reconcile.effects_footprint import cells_of
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column
 from arl_fixtures.reconcile.effects_sweep import bend_of_sweeps
 from arl_fixtures.reconcile.view import View
@@ -25,7 +26,7 @@ IntArray = NDArray[np.int64]
 _FINEST_DEG = 0.05
 _CELLS = 4_000_000
 _BLOCKS = (4, 6, 8, 12, 16, 24, 32, 48, 64)
-_CLOSE_DEG, _CLOSE_SHARE, _ROW_SHARE = 0.1, 0.1, 0.8  # shares of a pixel's width, over which it averages what it sees
+_CLOSE_DEG, _CLOSE_SHARE, _ROW_SHARE = 0.1, 0.1, 1.3  # shares of a pixel's width, over which it averages what it sees
 _NEAR = 9
 _ROUGH = 0.01
 _FLATTER = 0.9
@@ -91,13 +92,17 @@ def _make_scene(view: View) -> Scene | None:
     above, below, pitch = _stacked(height, across, device)
     weight = next((flat[name] for name in signals(view)), None)
     if weight is not None:  # light and light-weighted range are straight lines across an edge, the range is not
-        flat |= {name: flat[name] * weight for name in distances(view)}
+        flat |= {name: _extended(line, bearing, flat[name]) * weight for name in distances(view)}
     curves = {name: curves_over_bearing(line, bearing / step, values, lines) for name, values in flat.items()}
-    patchy = (
-        np.zeros(table.n, dtype=bool)
-        if weight is None
-        else _patchy(line, bearing, weight, bend_of_sweeps(view) * weight)
-    )
+    patchy = np.zeros(table.n, dtype=bool)
+    if weight is not None:
+        bend = bend_of_sweeps(view) * weight
+        patchy = _patchy(line, bearing, weight, bend)
+        if moving and rays and "pixel_u" in table.numbers:
+            cells = cells_of(line, bearing, pixel_width(view))
+            curves = cells.curves(curves, flat, step)
+            allowed = np.fmax(_WORSE * np.abs(bend), _ROUGH * np.abs(weight))[cells.rows]
+            patchy[cells.rows] = cells.scatter(weight) > allowed
     return Scene(bearing, line, above, below, pitch, step, sign, patchy, curves)
 
 
@@ -129,6 +134,25 @@ def _bare(view: View, name: str, el: FloatArray) -> FloatArray:
     return np.asarray(view.columns.numbers[f"sim_{name}"] / np.cos(np.radians(el)) ** 3)
 
 
+def _extended(line: IntArray, bearing: FloatArray, values: FloatArray) -> FloatArray:
+    """Values of which those not known are their nearest neighbour's on the curve: no surface lies between two."""
+    order = np.lexsort((bearing, line))
+    known = np.isfinite(values[order])
+    rank = np.arange(order.size)
+    before = np.maximum.accumulate(np.where(known, rank, -1))
+    after = np.minimum.accumulate(np.where(known, rank, order.size)[::-1])[::-1]
+    far = [
+        np.where((place >= 0) & (place < order.size), np.abs(bearing[order[side]] - bearing[order]), np.inf)
+        + np.where(line[order[side]] == line[order], 0.0, np.inf)
+        for place in (before, after)
+        for side in (np.clip(place, 0, order.size - 1),)
+    ]
+    source = np.clip(np.where(far[0] <= far[1], before, after), 0, order.size - 1)
+    filled = values.copy()
+    filled[order] = np.where(np.isfinite(np.fmin(*far)), values[order[source]], np.nan)
+    return filled
+
+
 def _roughness(line: IntArray, bearing: FloatArray, values: FloatArray) -> float:
     """Mean relative step between neighbours on a curve: small where the bearing is the right one."""
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -145,8 +169,8 @@ def _patchy(line: IntArray, bearing: FloatArray, light: FloatArray, bend: FloatA
 
     There pixels that look the same way do not see the same: a pattern, or another height.
     """
-    good = np.flatnonzero(np.isfinite(light) & np.isfinite(bend))
-    if good.size == 0:
+    good = np.flatnonzero(np.isfinite(light))
+    if good.size == 0 or not np.isfinite(bend[good]).any():
         return np.zeros(light.size, dtype=bool)
     order = good[np.lexsort((bearing[good], line[good]))]
     x, y, code = bearing[order], light[order], line[order]
@@ -158,7 +182,9 @@ def _patchy(line: IntArray, bearing: FloatArray, light: FloatArray, bend: FloatA
         inner = (code[2:] == code[:-2]) & (x[2:] > x[:-2])
         share = (x[1:-1] - x[:-2]) / np.where(inner, x[2:] - x[:-2], 1.0)
         off[1:-1] = np.where(inner, np.abs(y[1:-1] - y[:-2] - share * (y[2:] - y[:-2])), 0.0)
-    own = _WORSE * _smoothed(np.abs(bend[order][first]))
+    own = bend[order][first]
+    known = np.isfinite(own)  # not where the sweep lacks an angle
+    own = _WORSE * _smoothed(np.where(known, np.abs(own), 0.0)) / np.maximum(_smoothed(known * 1.0), 1e-9)
     rough = _smoothed(off) > np.maximum(own, _ROUGH * _smoothed(level))
     patchy = np.zeros(light.size, dtype=bool)
     patchy[order] = np.repeat(rough, count)

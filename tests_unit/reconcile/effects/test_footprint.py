@@ -1,0 +1,54 @@
+"""A scene between samples a pixel apart, against pixels that average a scene of surfaces and edges."""
+
+import numpy as np
+import pytest
+
+from arl_fixtures.reconcile.effects_footprint import cells_of, sharp_curve
+
+WIDTH_DEG = 2.0
+
+
+def scene(bearing):
+    """Light of three boards, the last one slanted."""
+    return 1.0 + 2.0 * (bearing > 3.3) - 1.5 * (bearing > 11.7) + 0.05 * np.maximum(bearing - 20.0, 0.0)
+
+
+def seen(bearing):
+    across = (np.arange(801) - 400) / 801.0 * WIDTH_DEG
+    return scene(bearing[:, None] + across).mean(axis=1)
+
+
+@pytest.mark.parametrize("step", [1.0, 1.3, 2.0, 2.4])
+def test_what_a_small_turn_changes_is_the_light_of_pixels_that_hold_an_edge(step):
+    bearing = np.arange(-20.0, 30.0, step)
+    values = seen(bearing)
+    place = bearing[3:-3] + 0.05
+    change = seen(place) - values[3:-3]
+    sharp = sharp_curve(bearing, values[None, :], WIDTH_DEG, place)[0] - values[3:-3]
+    straight = np.interp(place, bearing, values) - values[3:-3]
+    assert np.sum((sharp - change) ** 2) < 0.5 * np.sum((straight - change) ** 2)
+    assert np.corrcoef(sharp, change)[0, 1] > 0.85
+
+
+def test_the_curve_passes_through_its_samples_and_keeps_a_ratio_that_no_edge_changes():
+    bearing = np.arange(-20.0, 30.0, 2.0)
+    values = np.stack([seen(bearing), 2.5 * seen(bearing)])
+    assert sharp_curve(bearing, values, WIDTH_DEG, bearing) == pytest.approx(values, rel=1e-9)
+    between = sharp_curve(bearing, values, WIDTH_DEG, bearing[:-1] + 0.7)
+    assert between[1] / between[0] == pytest.approx(2.5, rel=1e-9)
+
+
+def test_a_slope_stays_a_slope():
+    bearing = np.arange(0.0, 40.0, 2.0)
+    place = np.arange(4.0, 36.0, 0.5)
+    made = sharp_curve(bearing, (0.1 * bearing)[None, :], WIDTH_DEG, place)[0]
+    assert made == pytest.approx(0.1 * place, abs=0.01)
+
+
+def test_curves_of_close_samples_are_left_alone():
+    bearing = np.tile(np.arange(0.0, 30.0, 0.5), 2)
+    line = np.repeat([0, 1], 60)
+    bearing[60:] = np.repeat(np.arange(0.0, 30.0, 2.0), 4)  # every bearing four times
+    cells = cells_of(line, bearing, np.full(120, WIDTH_DEG))
+    assert cells.width.tolist() == [0.0, WIDTH_DEG]
+    assert cells.mean(np.where(line == 1, bearing, np.nan)) == pytest.approx(np.arange(0.0, 30.0, 2.0))
