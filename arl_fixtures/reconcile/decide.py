@@ -324,7 +324,7 @@ class Decision:
         """Law of what is left in a channel: of functions, else of tables where they stand out, else of trees."""
         looker, certain = self.found.looker, is_structure(left)
         place = locate(looker, d, state)
-        if not (certain or place) and (d.channel.role is Role.SCATTER or not np.any(d.residual(state))):
+        if not (certain or place or np.any(d.residual(state))):
             return None
         leading = [*(place.columns if place else []), *left.leading()]
         law, chosen = search_law(looker, d, state, leading)

@@ -19,13 +19,13 @@ from arl_fixtures.reconcile.problem import ChannelData, Problem
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
-DRIVEN_P, ALIKE_P = 0.05, 0.02
+DRIVEN_P, ALIKE_P = 0.025, 0.01
 """Below these probabilities, over all conditions, a parabola or likeness of neighbours is no chance."""
 NO_CONDITIONS = frozenset({"n_frames", "step", "stage_angle_deg", "pixel_u", "pixel_v"})
 """Columns that only number steps, or that belong to rows."""
 STEADY = 0.02
 """Share of a column's variance that rows of one step may hold for it to be a condition of the step."""
-STRICT = 0.04
+STRICT = 0.08
 """Share of these probabilities that is allowed where a condition alone tells of a mismatch."""
 FEWEST_GROUPS = 8
 PERMUTATIONS = 2000

@@ -47,7 +47,7 @@ FURTHER_EVIDENCE = 3.0
 LAW_EVIDENCE, LAW_GAIN, LAW_Z = 5.0, 9.0, 2.5
 """Where nothing else tells of a mismatch, a law's first term must earn this beyond its price, and the law must gain
 this on unseen blocks, this surely."""
-LAW_LIKELIER, LAW_LEAST_Z, LAW_FEW_Z = 7.0, 1.8, 1.5
+LAW_LIKELIER, LAW_LEAST_Z, LAW_FEW_Z = 6.0, 1.8, 1.5
 """Marginal likelihood of a whole law, less its price, that tells of a mismatch where several blocks say so; twice
 that where it is two blocks or three of a few (a single one comes to 1)."""
 

@@ -30,7 +30,7 @@ class ColumnPattern(Effect):
     """X += offset·w and, for signals, X *= 1 + gain·w; w a wave over columns or rows, with a cosine and a sine part.
 
     Period 2 is odd against even (one part only). Of four or eight interleaved converters each has an offset (or gain)
-    of its own against the first: X += tap_k, or X *= 1 + tap_k, at pixels k modulo their number.
+    of its own against the first: X += tap_k, or X *= 1 + tap_k, at pixels k modulo their number; their mean is nil.
     """
 
     id = "readout.column_pattern"
@@ -147,7 +147,7 @@ class ColumnPattern(Effect):
         if variant.options["kind"] in {"taps", "gains"}:
             law = f"{channel} +=" if variant.options["kind"] == "taps" else f"{channel} *= 1 +"
             count = variant.options["converters"]
-            return f"{law} tap_k, k = {axis} modulo {count}, 0 where there is no tap_k"
+            return f"{law} tap_k, k = {axis} modulo {count}, 0 where there is none, less their mean"
         waves = {"cosine": f"cos(2 pi {axis} / period)", "sine": f"sin(2 pi {axis} / period)"}
         if variant.options["kind"] == "parity":
             waves = {"cosine": f"(-1)^{axis}"}
@@ -162,7 +162,8 @@ class ColumnPattern(Effect):
         channel, column = str(variant.options["channel"]), str(variant.options["temperature"])
         if variant.options["kind"] in {"taps", "gains"}:
             taps = _taps_of(variant, values)
-            apart = float(np.ptp(taps))
+            seen = [0.0, *(float(x) for name, x in values.items() if name.startswith("tap_"))]
+            apart = max(seen) - min(seen)
             size_of = (
                 f"{apart:.3g} {unit_of(channel)}" if variant.options["kind"] == "taps" else f"{100 * apart:.2f} %"
             )
@@ -195,9 +196,8 @@ def _converters_seen(view: View, axis: str, count: int) -> list[int]:
 
 
 def _taps_of(variant: Variant, values: Values) -> FloatArray:
-    """What each converter adds; the first one that is seen, and those that are not, nothing."""
+    """What each converter adds, the first one that is seen nothing, less the mean of all: that is the level's."""
+    own = {int(name.removeprefix("tap_")): float(x) for name, x in values.items() if name.startswith("tap_")}
     taps = np.zeros(int(str(variant.options["converters"])))
-    for name, value in values.items():
-        if name.startswith("tap_"):
-            taps[int(name.removeprefix("tap_"))] = float(value)
-    return taps
+    taps[list(own)] = list(own.values())
+    return taps - sum(own.values()) / (len(own) + 1)
