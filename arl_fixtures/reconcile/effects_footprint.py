@@ -17,8 +17,9 @@ from scipy.linalg import solveh_banded
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 
-COARSE = 0.45
-"""Gap between samples, in pixels, from which a straight line between them is not the mean over a pixel."""
+COARSE, FARTHEST = 0.45, 3.0
+"""Gap between samples, in pixels, from which a straight line between them is not the mean over a pixel, and beyond
+which nothing is known of what lies between."""
 SAME = 0.05
 """Difference of bearing, in pixels, below which samples count as one."""
 POINTS = 10
@@ -158,8 +159,10 @@ def cells_of(line: IntArray, bearing: FloatArray, width: FloatArray) -> Cells:
     for index in range(lines):
         rows = line == index
         pixel = float(np.median(width[rows]))
+        if pixel <= 0.0:  # columns that look the same way
+            continue
         gaps = np.diff(np.unique(np.rint(bearing[rows] / (SAME * pixel)))) * SAME
-        wide[index] = pixel if gaps.size > 1 and float(np.median(gaps)) > COARSE else 0.0
+        wide[index] = pixel if gaps.size > 1 and COARSE < float(np.median(gaps)) <= FARTHEST else 0.0
     rows = np.flatnonzero(wide[line] > 0.0)
     place = np.rint(bearing[rows] / (SAME * wide[line[rows]])).astype(np.int64)
     joint = line[rows] * (int(place.max(initial=0)) + 1) + place

@@ -52,3 +52,11 @@ def test_curves_of_close_samples_are_left_alone():
     cells = cells_of(line, bearing, np.full(120, WIDTH_DEG))
     assert cells.width.tolist() == [0.0, WIDTH_DEG]
     assert cells.mean(np.where(line == 1, bearing, np.nan)) == pytest.approx(np.arange(0.0, 30.0, 2.0))
+
+
+@pytest.mark.parametrize("width", [0.0, 1e-6])
+def test_pixels_far_narrower_than_their_distance_tell_nothing_of_what_lies_between(width):
+    cells = cells_of(np.zeros(20, dtype=np.int64), np.arange(0.0, 40.0, 2.0), np.full(20, width))
+    straight = {"light": np.ones((1, 5))}
+    assert cells.width.tolist() == [0.0]
+    assert cells.curves(straight, {"light": np.ones(20)}, 1.0) is straight
