@@ -5,6 +5,7 @@ import json
 import os
 import select
 import signal
+import sys
 import time
 import traceback
 from dataclasses import dataclass
@@ -16,8 +17,10 @@ from arl_fixtures.bench.build import open_bench
 from arl_fixtures.bench.config import BUILT_IN, load_bench
 from arl_fixtures.bench.drivers import find_driver
 from arl_fixtures.errors import InterlockError
+from arl_fixtures.guard import guarding
 from arl_fixtures.guard.guarding import open_guard
-from arl_fixtures.guard.runtime import Places, lease_holder
+from arl_fixtures.guard.run import LINGER_S, TAKEN, main
+from arl_fixtures.guard.runtime import NoGuardError, Places, lease_holder
 from arl_fixtures.lab.client import LabClient
 from arl_fixtures.lab.framing import Link, PeerLostError
 from arl_fixtures.lab.run import run_lab
@@ -79,6 +82,38 @@ def reap(pid):
     os.kill(pid, signal.SIGKILL)
     os.waitpid(pid, 0)
     pytest.fail(f"process {pid} did not end")
+
+
+def fork_guard(bench_file, places, *, lab):
+    """Instead of `start_guard`: the same program, forked from here without the second that Python's imports take."""
+    reader, writer = os.pipe()
+    options = ["--bench", bench_file, "--lab", str(lab), "--runtime", str(places.folder.parent)]
+    options += ["--ready-fd", "3", "--linger", str(LINGER_S)]
+
+    def guard():
+        os.setsid()
+        null, errors = os.open(os.devnull, os.O_RDWR), os.open(places.errors, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        for number, file in enumerate((null, null, errors, writer)):
+            os.dup2(file, number)
+        # nothing of the test may live on in it, its connection to the lab least of all
+        os.closerange(4, 256)
+        sys.stderr = os.fdopen(2, "w", buffering=1)
+        return main(options)
+
+    pid = fork(guard)
+    os.close(writer)
+    with os.fdopen(reader, "rb") as pipe:
+        said = pipe.read()
+    if said != b"ready\n":
+        raised = NoGuardError if reap(pid) == TAKEN else InterlockError
+        raise raised(f"the guard did not start: {places.errors.read_text()}")
+    return pid
+
+
+@pytest.fixture
+def forked_guards(monkeypatch):
+    """Guards are forked: for tests of what they do, not of how one starts."""
+    monkeypatch.setattr(guarding, "start_guard", fork_guard)
 
 
 def write_bench(file, name, *, guard="", watch_stopped=False, extra=""):

@@ -13,6 +13,8 @@ from arl_fixtures.errors import DeviceError, HoldError, InterlockError
 from arl_fixtures.guard.acknowledge import acknowledge
 from arl_fixtures.guard.runtime import read_stop
 
+pytestmark = pytest.mark.usefixtures("forked_guards")
+
 HOLD = """
   poll_s: 1.0,
   clear_s: 4.0,

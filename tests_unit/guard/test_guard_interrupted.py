@@ -7,6 +7,8 @@ from arl_fixtures.errors import InterlockError
 from arl_fixtures.guard.acknowledge import acknowledge
 from arl_fixtures.guard.runtime import StopReport, read_stop, write_stop
 
+pytestmark = pytest.mark.usefixtures("forked_guards")
+
 
 def interrupted(stand, cause, *, ack_if_verified):
     """What such a guard leaves on disk."""

@@ -16,6 +16,8 @@ from arl_fixtures.guard import sentinel as sentinel_room
 from arl_fixtures.guard.runtime import Lease, Places, process_state, read_stop
 from arl_fixtures.guard.sentinel import Sentinel, Watch
 
+pytestmark = pytest.mark.usefixtures("forked_guards")
+
 
 @pytest.fixture
 def stand(make_stand):
