@@ -206,31 +206,63 @@ def rendered(view: View, pose: Pose = NOMINAL) -> dict[str, FloatArray] | None:
     if bench is None:
         return None
     if pose is NOMINAL:
-        return per_view(view, "rendered here", lambda: _by_channel(view, bench, *_rendered(view, bench, NOMINAL)))
+        return per_view(view, "rendered here", lambda: _by_channel(view, bench, *_kept(view, bench, NOMINAL)))
     return _by_channel(view, bench, *_kept(view, bench, pose))
 
 
 def _kept(view: View, bench: Bench, pose: Pose) -> tuple[FloatArray, FloatArray]:
-    """Light and moment of the rows in a pose; a search tries the same poses again beside other effects."""
-    kept = per_view(view, "looks kept", dict[bytes, tuple[FloatArray, FloatArray]])
+    """Light and moment of the rows in a pose; a search tries the same poses again beside other effects.
+
+    What is kept is one number per different sight, not per row: steps and cycles repeat the spots, so that all poses
+    of a search find room.
+    """
+    kept = per_view(view, "looks kept", dict[bytes, _Seen])
     key = pose.digest()
-    if key not in kept:
+    found = kept.get(key)
+    if found is None:
         found = _rendered(view, bench, pose)
-        if (len(kept) + 1) * 2 * view.n > _MOST_KEPT:
-            return found
-        kept[key] = found
-    return kept[key]
+        size = found.size if found.back is _distinct(view, bench)[2] else found.size + view.n
+        room = per_view(view, "room for looks", lambda: [_MOST_KEPT])
+        if size <= room[0]:
+            room[0] -= size
+            kept[key] = found
+    return found.light[found.back], found.moment[found.back]
 
 
-def _rendered(view: View, bench: Bench, pose: Pose) -> tuple[FloatArray, FloatArray]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Seen:
+    """Light and moment of different sights, and which of them each row has."""
+
+    light: FloatArray
+    moment: FloatArray
+    back: IntArray
+
+    @property
+    def size(self) -> int:
+        """Numbers that it holds."""
+        return 2 * self.light.size
+
+
+def _rendered(view: View, bench: Bench, pose: Pose) -> _Seen:
     numbers, first, back = _distinct(view, bench)
-    if all(np.array_equal(value[first][back], value) for value in pose.arrays()):
+    arrays = pose.arrays()
+    if all(np.array_equal(value[first][back], value) for value in arrays):
         spots = per_view(view, "seen spots", lambda: bench.spots.take(numbers))
         usual = isinstance(pose.focal, float) and pose.focal == 1.0
         rays = per_view(view, "seen rays", lambda: rays_of(bench.optics, spots)) if usual else None
         light, moment = look(bench.optics, spots, pose.on(first), rays)
-        return light[back], moment[back]
-    return look(bench.optics, bench.spots.take(bench.index[view.rows]), pose)
+        return _Seen(light=light, moment=moment, back=back)
+    first, back = _sights(back, arrays)
+    light, moment = look(bench.optics, bench.spots.take(bench.index[view.rows[first]]), pose.on(first))
+    return _Seen(light=light, moment=moment, back=back)
+
+
+def _sights(spot: IntArray, arrays: list[FloatArray]) -> tuple[IntArray, IntArray]:
+    """A row of each different spot in a different pose, and which of them every row is."""
+    for value in arrays:
+        levels, code = np.unique(value, return_inverse=True)
+        first, spot = np.unique(spot * levels.size + code, return_index=True, return_inverse=True)[1:]
+    return first.astype(np.int64), spot.astype(np.int64)
 
 
 def _distinct(view: View, bench: Bench) -> tuple[IntArray, IntArray, IntArray]:

@@ -122,8 +122,11 @@ def _sum_by(code: IntArray, x: FloatArray, count: int) -> FloatArray:
 def _apply(step: _Step, z: FloatArray) -> FloatArray:
     if step.tau == 0.0:
         return z
-    share = step.shrink * np.bincount(step.code, step.direction * z, minlength=step.count)
-    return z - step.direction * share[step.code]
+    work = step.direction * z
+    share = step.shrink * np.bincount(step.code, work, minlength=step.count)
+    np.take(share, step.code, out=work, mode="clip")  # else it works on a copy; codes are within
+    work *= step.direction
+    return np.subtract(z, work, out=work)
 
 
 def surprise(tau: float, floor: float, freedom: float) -> float:

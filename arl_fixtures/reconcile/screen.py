@@ -178,6 +178,7 @@ def screen(
         if with_chance
         else None
     )
+    by_unit, at_once = _UnitSums(residual, unit), _UnitSums(residual, np.zeros_like(unit))
     best_by_chance, best_by_search = np.zeros(DRAWS), np.zeros(DRAWS)
     found: list[Candidate] = []
     for effect, variant in variants:
@@ -190,11 +191,10 @@ def screen(
         for shapes in starts_of(variant):
             term = Term(effect=effect, variant=variant, values={**default_values(variant), **shapes})
             tangents = tangents_of(problem, others, base, term)
-            power = np.einsum("kn,kn->k", tangents, tangents)
-            if not np.any(power > 1e-6):
+            grams, scores = by_unit(tangents) if alone else at_once(tangents)
+            whole = np.sum(grams, axis=0)
+            if not np.any(np.diag(whole) > 1e-6):
                 continue
-            codes = unit if alone else np.zeros_like(unit)
-            grams, scores = _per_unit(tangents, residual, codes, len(labels) if alone else 1)
             for label, gram, score in _choices(grams, scores, labels if alone else ("",)):
                 amplitude, gain = solve_amplitudes(gram, score, variant)
                 gain = max(gain - handicap_of(variant), 0.0)
@@ -208,7 +208,7 @@ def screen(
                     best[label] = Candidate(term=placed, gain=gain, free=len(term.free()))
             if noise is not None:
                 largest = best_by_search if is_search(variant) else best_by_chance
-                np.maximum(largest, _chance(tangents, noise, variant) - handicap_of(variant), out=largest)
+                np.maximum(largest, _chance(tangents, whole, noise) - handicap_of(variant), out=largest)
         if variant.rough:
             places = (unit, labels, column) if alone else (np.zeros_like(unit), ("",), "")
             with undiminished(problem):
@@ -266,16 +266,21 @@ def unit_labels(problem: Problem) -> tuple[str, tuple[str, ...]]:
     return columns[0], tuple(labels[codes[i]] for i in first)
 
 
-def _per_unit(
-    tangents: FloatArray, residual: FloatArray, unit: IntArray, units: int
-) -> tuple[list[FloatArray], list[FloatArray]]:
-    k = len(tangents)
-    gram, score = np.zeros((units, k, k)), np.zeros((units, k))
-    for a in range(k):
-        score[:, a] = np.bincount(unit, tangents[a] * residual, minlength=units)[:units]
-        for b in range(a, k):
-            gram[:, a, b] = gram[:, b, a] = np.bincount(unit, tangents[a] * tangents[b], minlength=units)[:units]
-    return list(gram), list(score)
+class _UnitSums:
+    """Products of tangents with each other and with the residual, summed over each unit's rows."""
+
+    def __init__(self, residual: FloatArray, unit: IntArray) -> None:
+        order = np.argsort(unit, kind="stable")
+        self._order = None if np.array_equal(order, np.arange(len(order))) else order
+        self._residual = residual if self._order is None else residual[order]
+        ends = np.cumsum(np.bincount(unit))
+        self._parts = [slice(start, end) for start, end in itertools.pairwise([0, *ends.tolist()])]
+
+    def __call__(self, tangents: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
+        """Matrix of the tangents' products, and scores, of each unit."""
+        rows = tangents if self._order is None else tangents[:, self._order]
+        parts = [(rows[:, part], self._residual[part]) for part in self._parts]
+        return [own @ own.T for own, _ in parts], [own @ residual for own, residual in parts]
 
 
 def _choices(
@@ -316,8 +321,7 @@ def solve_amplitudes(gram: FloatArray, score: FloatArray, variant: Variant) -> t
     return result, max(gain, 0.0)
 
 
-def _chance(tangents: FloatArray, noise: NDArray[np.float32], variant: Variant) -> FloatArray:
-    gram = tangents @ tangents.T
+def _chance(tangents: FloatArray, gram: FloatArray, noise: NDArray[np.float32]) -> FloatArray:
     good = np.diag(gram) > 1e-9
     if not good.any():
         return np.zeros(len(noise))

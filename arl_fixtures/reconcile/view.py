@@ -7,7 +7,8 @@ to the row itself. So an effect is written once and never learns which rows are 
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from arl_fixtures.reconcile.roles import Role
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+Of = TypeVar("Of")
 
 _STEP = ("dut", "cycle", "step")
 _PIXEL = ("pixel_u", "pixel_v")
@@ -93,18 +95,23 @@ class View:
         """Whether a numeric column of the whole table takes at least two finite values."""
         if name not in self.columns.numbers:
             return False
-        values = self.columns.numbers[name]
-        finite = values[np.isfinite(values)]
-        return finite.size > 1 and bool(finite.max() > finite.min())
+        return self._of_column("varies", name, _varies)
 
     def span(self, name: str) -> tuple[float, float]:
         """Smallest and largest finite value of a numeric column of the whole table."""
-        values = self.columns.numbers[name]
-        return float(np.nanmin(values)), float(np.nanmax(values))
+        return self._of_column("span", name, lambda values: (float(np.nanmin(values)), float(np.nanmax(values))))
 
     def middle(self, name: str) -> float:
         """Median of a numeric column of the whole table: a reference that does not depend on the rows under work."""
-        return float(np.nanmedian(self.columns.numbers[name]))
+        return self._of_column("middle", name, lambda values: float(np.nanmedian(values)))
+
+    def _of_column(self, what: str, name: str, make: Callable[[FloatArray], Of]) -> Of:
+        """What `make` finds of a numeric column of the whole table, once per table."""
+        memo, key = self.columns.memo, ("of column", what, name)
+        if key not in memo:
+            memo[key] = make(self.columns.numbers[name])
+        found: Of = memo[key]
+        return found
 
     def covariates(self, suffix: str = "") -> tuple[str, ...]:
         """Varying numeric covariates whose name ends with `suffix`, by name; channels are none."""
@@ -350,3 +357,8 @@ class View:
             local[self.rows] = np.arange(self.n)
             self._local = local
         return self._local
+
+
+def _varies(values: FloatArray) -> bool:
+    finite = values[np.isfinite(values)]
+    return finite.size > 1 and bool(finite.max() > finite.min())

@@ -6,12 +6,13 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
     amplitude,
     distances,
     excess,
+    per_view,
     period_starts,
     reference,
     set_response,
@@ -115,10 +116,11 @@ class ColumnPattern(Effect):
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Adds the pattern."""
         channel, column = str(variant.options["channel"]), str(variant.options["temperature"])
-        place = np.nan_to_num(view.number(str(variant.options["axis"])))
+        axis = str(variant.options["axis"])
+        place, at = per_view(view, ("places along", axis), lambda: _places(view, axis))
         if variant.options["kind"] in {"taps", "gains"}:
             taps = _taps_of(variant, values)
-            own = taps[np.rint(place).astype(np.int64) % taps.size]
+            own = taps[np.rint(place).astype(np.int64) % taps.size][at]
             if variant.options["kind"] == "taps":
                 state[channel] = state[channel] + own
             else:
@@ -131,9 +133,9 @@ class ColumnPattern(Effect):
             phase = 2.0 * np.pi / float(values["period"]) * place
             waves = {"cosine": np.cos(phase), "sine": np.sin(phase)}
         grown = excess(view, variant, column) if column else 1.0
-        added = sum(float(values[part]) * wave for part, wave in waves.items()) * grown
+        added = np.asarray(sum(float(values[part]) * wave for part, wave in waves.items()))[at] * grown
         if "gain_cosine" in values:
-            gain = sum(float(values[f"gain_{part}"]) * wave for part, wave in waves.items()) * grown
+            gain = np.asarray(sum(float(values[f"gain_{part}"]) * wave for part, wave in waves.items()))[at] * grown
             gain = np.maximum(1.0 + gain, 0.02)
             set_response(state, channel, state[channel] * gain, np.asarray(gain))
         state[channel] = state[channel] + added
@@ -187,6 +189,12 @@ class ColumnPattern(Effect):
 
 _SHORTEST, _MOST_STARTS = 2.1, 80
 _CONVERTERS = (4, 8)
+
+
+def _places(view: View, axis: str) -> tuple[FloatArray, IntArray]:
+    """Different columns (or rows) of the image and which of them each row has: a pattern is worked out on these."""
+    found, at = np.unique(np.nan_to_num(view.number(axis)), return_inverse=True)
+    return found, at.astype(np.int64)
 
 
 def _converters_seen(view: View, axis: str, count: int) -> list[int]:
