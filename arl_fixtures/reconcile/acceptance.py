@@ -86,7 +86,7 @@ def acts_alone(problem: Problem, terms: Sequence[Term]) -> bool:
 def is_repeat(base: Fit, candidate: Candidate) -> bool:
     """Whether an effect stands already on the same rows, by the same columns: its shape is all it could mend."""
     new = candidate.term
-    return any(
+    return not new.effect.several and any(
         term.effect.id == new.effect.id
         and set(term.variant.channels) & set(new.variant.channels)
         and (_columns(term) <= _columns(new) or _columns(new) <= _columns(term))
@@ -127,7 +127,8 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
             continue
         alike = bool(_columns(term) & _columns(new))
         least = (MISFIT_SHARE if alike else HIDDEN_SHARE) * gains.get(index, 0.0)
-        apart = not alike and (
+        another = new.effect.several and new.effect.id == term.effect.id
+        apart = (not alike or another) and (
             acts_alone(problem, (base.terms[index], new))
             or (ranked.gain > 0.1 * least and _stands_apart(problem, base, ranked, index))
         )

@@ -42,6 +42,7 @@ from arl_fixtures.reconcile.rivals import (
     LEAST_Z,
     has_other_place,
     is_outdone,
+    mends_the_same,
     needed_by_law,
     pictures_beside,
     plain_gain,
@@ -59,8 +60,9 @@ TREES_ALONE = 1.5
 """How much more it must gain where neither a place nor a law is found in what it predicts."""
 LEAST_ENERGY = 1.0
 """Squared standard errors by which an effect must move a channel to act in it."""
-LEFT_SHARE = 0.25
-"""Largest share of a channel's mismatch that may stay predictable under a name."""
+LEFT_SHARE, LEFT_AT_EDGES = 0.25, 0.6
+"""Largest share of a channel's mismatch that may stay predictable under a name; where names and what is left both
+tell of edges, whose two sides a pixel shares by a part that no column tells."""
 UNKNOWN_SHARE = 0.08
 """Share above which what is left is reported as a finding of its own."""
 SCATTER_SHARE = 0.4
@@ -168,7 +170,9 @@ class Decision:
 
     def _is_left(self, d: ChannelData) -> bool:
         """Whether so much stays predictable that the names of a channel cannot stand."""
-        if self.left_share(d.channel.name) <= LEFT_SHARE:
+        acting = [t for t in self.best.terms if d.channel.name in self.energy(t)]
+        same = mends_the_same(acting, self.after[d.channel.name].leading())
+        if self.left_share(d.channel.name) <= (LEFT_AT_EDGES if same else LEFT_SHARE):
             return False
         return is_structure(self.after[d.channel.name]) or not acts_within_steps(self.problem, d, self.terms)
 
@@ -203,17 +207,17 @@ class Decision:
         acting = [t for t in self.best.terms if d.channel.name in self.energy(t)]
         if not acting:
             return False
-        own = forward(self.terms, self.problem.view)
-        bare = forward([t for t in self.terms if t not in acting], self.problem.view)
+        # without the patterns: their pixels' values are read off the residual, where a law leaves them to chance
+        own = forward(self.best.terms, self.problem.view)
+        bare = forward([t for t in self.best.terms if t not in acting], self.problem.view)
         place = locate(self.found.looker, d, bare)
         leading = [*(place.columns if place else []), *self._leading(d)]
         law, chosen = search_law(self.found.looker, d, bare, leading)
         base = d.fit_scatter(d.residual(bare))[0]
         price = PRICE * sum(len(t.free()) for t in acting)
         named = d.fit_scatter(d.residual(own))[0] - base - price
-        plain = sum(
-            plain_gain(self.problem, self.best.terms, t) for t in acting
-        )  # free scatters of pixels or steps hide most of a gain
+        # free scatters of pixels or steps hide most of a gain
+        plain = sum(plain_gain(self.problem, self.best.terms, t) for t in acting)
         needed = needed_by_law(named, plain, acting, law.drivers)
         return chosen.z > LEAST_Z and chosen.likelier > needed
 

@@ -180,6 +180,10 @@ class Effect(ABC):
     """Whether it takes few pixels whole: what they see is then left out while other effects are sought."""
     mixes: ClassVar[bool] = False
     """Whether it mixes a row with rows that lie next to it in the image or the sweep."""
+    several: ClassVar[bool] = False
+    """Whether it may act at several places, each with its own parameters: one that lies elsewhere is another one."""
+    displaces: ClassVar[bool] = False
+    """Whether rows show the scene from elsewhere: what they see at its edges hangs on how well these are known."""
     common: ClassVar[bool] = False
     """Whether the scatter that it adds is the same in all rows of a frame: means of few frames then scatter, too."""
     confusable: ClassVar[tuple[str, ...]] = ()

@@ -12,6 +12,7 @@ from arl_fixtures.reconcile.acceptance import PRICE
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.diagnosis import Alternative, Finding, HeldOut, ParameterValue
 from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.effects_render import rendered
 from arl_fixtures.reconcile.fit import Fit, finish, fit
 from arl_fixtures.reconcile.intervals import half_widths
 from arl_fixtures.reconcile.law import Law, LawTerm
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
 
 TWIN_GAIN, TWIN_SHARE = 3.0, 0.03
 """An alternative that loses less than this (log-likelihood, or share of the finding's gain) cannot be told apart."""
+EDGE_SHARE = 0.3
+"""The share for effects that show at edges, where these are known from the table's own samples only: what the
+operators themselves get wrong there is more than what tells them apart."""
 
 
 def named_finding(decision: Decision, index: int) -> Finding:
@@ -107,6 +111,7 @@ def _alternatives(
     again = screen(decision.search.small, decision.search.variants, without.terms)
     ranked = decision.search.rank(without, shortlist(again.candidates)[:10])
     own = gain - PRICE * len(term.free())
+    sampled = rendered(decision.problem.view) is None
     alternatives: list[Alternative] = []
     twins: dict[str, str] = {}
     for r in ranked:
@@ -114,7 +119,8 @@ def _alternatives(
         if effect == term.effect.id or any(a.effect == effect for a in alternatives):
             continue
         deficit = own - r.gain
-        twin = deficit < max(TWIN_GAIN, TWIN_SHARE * own)
+        at_edges = sampled and all(e.displaces or e.mixes for e in (term.effect, r.fit.terms[-1].effect))
+        twin = deficit < max(TWIN_GAIN, (EDGE_SHARE if at_edges else TWIN_SHARE) * own)
         reason = f"loses {deficit:.1f} of {own:.1f} in log-likelihood" if r.gain > 0 else "gains nothing in its place"
         alternatives.append(
             Alternative(

@@ -53,13 +53,14 @@ class Basis:
         """Columns on which it depends."""
         return tuple(dict.fromkeys(a.column for product in (self.axes, *self.waves) for a in product if a.column))
 
-    def vectors(self, features: Features) -> FloatArray:
-        """The functions on rows, shape (k, n)."""
+    def vectors(self, features: Features, known: dict[Axis, FloatArray] | None = None) -> FloatArray:
+        """The functions on rows, shape (k, n); `known` keeps those of single axes, which come back in products."""
+        known = {} if known is None else known
         if self.waves:
-            return np.stack([_product(product, features) for product in self.waves])
+            return np.stack([_product(product, features, known) for product in self.waves])
         total: FloatArray | None = None
         for axis in self.axes:
-            here = members(axis, features[axis.column]) if axis.is_open else axis(features)[None, :]
+            here = _on_rows(axis, features, known)
             total = here if total is None else (total[:, None, :] * here[None, :, :]).reshape(-1, here.shape[1])
         assert total is not None
         return total
@@ -92,10 +93,19 @@ class Basis:
         ]
 
 
-def _product(axes: tuple[Axis, ...], features: Features) -> FloatArray:
-    total = axes[0](features)
+def _on_rows(axis: Axis, features: Features, known: dict[Axis, FloatArray]) -> FloatArray:
+    """The function or functions of an axis on rows, (k, n); those of many are not kept, they would fill the room."""
+    if axis.is_open:
+        return members(axis, features[axis.column])
+    if axis not in known:
+        known[axis] = axis(features)[None, :]
+    return known[axis]
+
+
+def _product(axes: tuple[Axis, ...], features: Features, known: dict[Axis, FloatArray]) -> FloatArray:
+    total: FloatArray = _on_rows(axes[0], features, known)[0]
     for axis in axes[1:]:
-        total = total * axis(features)
+        total = total * _on_rows(axis, features, known)[0]
     return total
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
-from arl_fixtures.reconcile.law import Features
+from arl_fixtures.reconcile.law import Axis, Features
 from arl_fixtures.reconcile.law_basis import Basis
 from arl_fixtures.reconcile.noise import Whitener
 from arl_fixtures.reconcile.problem import ChannelData
@@ -50,7 +50,9 @@ class Work:
         self.data, self.pick = data, pick
         self.features: Features = {name: values[data.use[pick]] for name, values in features.items()}
         levels = tuple(level.part(pick) for level in data.levels)
-        self._whitener = Whitener(data.root_weight[pick], levels, tau)
+        self._root_weight = data.root_weight[pick]
+        self._whitener = Whitener(self._root_weight, levels, tau)
+        self._axes: dict[Axis, FloatArray] = {}
         self.unit = np.unique(data.unit[pick], return_inverse=True)[1]
         relative = data.channel.role in {Role.INTENSITY, Role.SCATTER}
         sim = state[data.channel.name][data.use[pick]]
@@ -94,13 +96,17 @@ class Work:
 
     def candidate(self, basis: Basis) -> Candidate:
         """A basis on these rows."""
-        vectors = basis.vectors(self.features) * self.scale
-        white = np.stack([self.whiten(v) for v in vectors])
+        vectors = basis.vectors(self.features, self._axes) * self.scale
+        white = np.empty_like(vectors)
+        for place, vector in enumerate(vectors):
+            white[place] = self.whiten(vector)
+        gram = white @ white.T
         # what calibration explains must not come back as a difference of large numbers
-        power = np.einsum("kn,kn->k", white, white)
-        before = np.sum((vectors * self.data.root_weight[self.pick]) ** 2, axis=1)
-        white[power < LEAST_SEEN * before] = 0.0
-        return Candidate(basis=basis, vectors=white, gram=white @ white.T)
+        np.multiply(vectors, self._root_weight, out=vectors)
+        lost = np.diag(gram) < LEAST_SEEN * np.einsum("kn,kn->k", vectors, vectors)
+        if lost.any():
+            white[lost] = gram[lost] = gram[:, lost] = 0.0
+        return Candidate(basis=basis, vectors=white, gram=gram)
 
 
 def evidence(gram: FloatArray, score: FloatArray, prior: FloatArray | None) -> tuple[float, float]:

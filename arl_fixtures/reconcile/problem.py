@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -207,11 +208,9 @@ class ChannelData:
                 continue
             partial = Whitener(self.root_weight, self.levels[: index + 1], {**tau, level.name: level.floor})
             tau[level.name], _ = self.level_scatter(residual, level, partial, lost=lost)
-        kept = self.tau
-        self.rebuild(tau)
-        value = self.likelihood(residual)
-        self.rebuild(kept)
-        return value, tau
+        fitted = copy(self)
+        fitted.rebuild(tau)
+        return fitted.likelihood(residual), tau
 
     def likelihood(self, residual: FloatArray) -> float:
         """Log-likelihood with the present scatters, up to a constant of the channel."""

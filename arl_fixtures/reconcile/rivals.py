@@ -20,7 +20,8 @@ BEATEN_BY, BEATEN_SHARE = 12.0, 0.05
 BEATEN_PLAIN = 0.03
 """Share of what the names explain to independent rows by which a law without physics must at least be better."""
 NEIGHBOURS = ("~edge", "~sweep", "~before", "~frame")
-MIXED_SHARE = 1.0
+AT_EDGES = (*NEIGHBOURS, "mixed")
+MIXED_SHARE = 2.0
 """The share for a law of neighbouring rows where the name mixes rows with their neighbours: it says the same."""
 LEAST_Z = 2.0
 """Significance over blocks below which what is gained on unseen ones is a single block's."""
@@ -31,6 +32,11 @@ PICTURE_SHARE = 0.3
 def says_the_same(acting: Sequence[Term], columns: Sequence[str]) -> bool:
     """Whether a law describes by its columns what a name does: mix rows with those next to them."""
     return any(c.startswith(NEIGHBOURS) for c in columns) and any(t.effect.mixes for t in acting)
+
+
+def mends_the_same(acting: Sequence[Term], leading: Sequence[str]) -> bool:
+    """Whether what names leave that mix rows with their neighbours lies at edges again: it is their shape."""
+    return all(t.effect.mixes for t in acting) and all(c.startswith(AT_EDGES) for c in leading[:2])
 
 
 def needed_by_law(named: float, plain: float, acting: Sequence[Term], columns: Sequence[str]) -> float:

@@ -182,7 +182,7 @@ def screen(
     best_by_chance, best_by_search = np.zeros(DRAWS), np.zeros(DRAWS)
     found: list[Candidate] = []
     for effect, variant in variants:
-        if variant.label in taken:
+        if variant.label in taken and not effect.several:
             continue
         if variant.rough and any(term.variant.rough for term in others):
             continue  # what one displacement leaves at edges is its own error, not a second one

@@ -48,6 +48,7 @@ class FrameLag(Effect):
 
     id = "acquisition.frame_lag"
     stage = Stage.BOOKKEEPING
+    displaces = True
     source = (
         "book-keeping: a frame buffer of n frames read n frames late (share 1: all frames of an angle are stale); "
         "settling of a first-order drive"

@@ -13,7 +13,6 @@ from arl_fixtures.reconcile.effects_common import (
     amplitude,
     excess,
     light_channels,
-    per_table,
     percent,
     reference,
     set_light,
@@ -21,12 +20,12 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
     temperature_drivers,
 )
+from arl_fixtures.reconcile.effects_light_current import continued, light_current, shifted
 from arl_fixtures.reconcile.effects_logged import step_mean
+from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.view import View
 
 _FEWEST_STEPS = 5
-_END = 0.1
-"""Share of the currents at each end whose straight line continues the curve."""
 
 
 class ThermalRolloff(LightFactor):
@@ -36,6 +35,8 @@ class ThermalRolloff(LightFactor):
       power over a threshold current that grows exponentially with temperature.
     * knee: I *= exp(−slope·max(T − knee, 0)): the cooler holds the laser until the housing is too warm.
     * curve (where a drive current varies): I(J) = exp(−loss·ΔT) · I_sim(J − threshold_shift·ΔT).
+    * own heat (likewise): the same with h = (J / J_top)^exponent for ΔT, what the laser turns into heat at a current;
+      a diode's voltage falls with its junction's temperature, by voltage_drop·h.
     """
 
     id = "laser.thermal_rolloff"
@@ -48,6 +49,8 @@ class ThermalRolloff(LightFactor):
         columns = temperature_drivers(view, "laser_temperature_c", "heatsink_temperature_c", "housing_temperature_c")
         currents = [name for name in view.covariates("_a") if "tec" not in name]
         for channel in signals(view):
+            for current in [name for name in currents[:1] if _swept(view, name)]:
+                yield self._by_own_heat(view, channel, current, columns[0] if columns else "")
             for column in columns[:2]:
                 low, high = view.span(column)
                 wide = high - low
@@ -73,6 +76,24 @@ class ThermalRolloff(LightFactor):
                 knee = shape("knee", "°C", low, highest, min(low + 0.7 * (high - low), highest))
                 yield self._variant(view, channel, {"kind": "knee", "temperature": column}, (slope, knee), (column,))
 
+    def _by_own_heat(self, view: View, channel: str, current: str, column: str) -> Variant:
+        low, high = view.span(current)
+        voltages = [c.name for c in view.columns.channels if unit_of(c.name) == "V" and c.role is Role.OTHER]
+        shift = amplitude("threshold_shift", "A", 0.0, high - low, 0.01 * (high - low))
+        loss = amplitude("loss", "1", 0.0, 3.0, 0.02)
+        drop = [amplitude("voltage_drop", "V", 0.0, 1.0, 0.005)] if voltages else []
+        power = shape("exponent", "1", 0.7, 3.0, 1.0, 2.0)
+        return Variant(
+            effect=self.id,
+            options={
+                "channel": channel, "kind": "own heat", "temperature": column, "current": current, "top": high,
+                "voltage": voltages[0] if voltages else "",
+            },
+            parameters=(shift, loss, *drop, power),
+            channels=(*light_channels(view, channel), *voltages[:1]),
+            drivers=(current,),
+        )  # fmt: skip
+
     def _variant(
         self,
         view: View,
@@ -95,6 +116,8 @@ class ThermalRolloff(LightFactor):
         if variant.options["kind"] == "knee":
             warm = np.nan_to_num(np.maximum(view.number(column) - float(values["knee"]), 0.0))
             return np.exp(-np.minimum(float(values["slope"]) * warm, 20.0))
+        if variant.options["kind"] == "own heat":
+            return np.exp(-float(values["loss"]) * _own_heat(variant, values, view))
         if variant.options["kind"] == "curve":
             warm = np.nan_to_num(view.number(column) - float(values["reference"]))
             return np.exp(np.clip(-float(values["loss"]) * warm, -20.0, 20.0))
@@ -110,9 +133,16 @@ class ThermalRolloff(LightFactor):
             current, column = str(variant.options["current"]), str(variant.options["temperature"])
             drive = view.number(current)
             shift = values["threshold_shift"] * np.nan_to_num(view.number(column) - values["reference"])
-            knots, curve = _light_current(view, channel, current)
-            moved = _continued(drive - shift, knots, curve) - _continued(drive, knots, curve)
+            knots, curve = light_current(view, channel, current)
+            moved = continued(drive - shift, knots, curve) - continued(drive, knots, curve)
             light = light + np.nan_to_num(moved)
+        if variant.options["kind"] == "own heat":
+            current, column = str(variant.options["current"]), str(variant.options["temperature"])
+            warm = _own_heat(variant, values, view)
+            light = light + shifted(view, channel, current, column, float(values["threshold_shift"]) * warm)
+            voltage = str(variant.options["voltage"])
+            if voltage:
+                state[voltage] = state[voltage] - float(values["voltage_drop"]) * warm
         set_light(view, state, channel, light * self.factor(variant, values, view))
 
     def expression(self, variant: Variant) -> str:
@@ -120,6 +150,11 @@ class ThermalRolloff(LightFactor):
         channel, column = variant.options["channel"], variant.options["temperature"]
         if variant.options["kind"] == "knee":
             return f"{channel} *= exp(-slope * max({column} - knee, 0))"
+        if variant.options["kind"] == "own heat":
+            current, voltage = variant.options["current"], variant.options["voltage"]
+            heat = f"h = ({current} / {variant.options['top']})^exponent"
+            law = f"{channel}({current}) = exp(-loss * h) * sim_{channel}({current} - threshold_shift * h), {heat}"
+            return f"{law}; {voltage} -= voltage_drop * h" if voltage else law
         if variant.options["kind"] == "curve":
             current = variant.options["current"]
             warm = f"({column} - reference)"
@@ -130,6 +165,12 @@ class ThermalRolloff(LightFactor):
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Loss over the table's temperatures; of a light-current curve how threshold and slope move."""
         column = str(variant.options["temperature"])
+        if variant.options["kind"] == "own heat":
+            shift, lost = float(values["threshold_shift"]) * 1e3, -float(np.expm1(-float(values["loss"]))) * 100.0
+            return (
+                f"The laser warms itself: at {float(variant.options['top']):g} A its threshold lies {shift:.1f} mA "
+                f"higher and its slope is {lost:.1f} % less."
+            )
         low, high = view.span(column)
         if variant.options["kind"] == "curve":
             shift = float(values["threshold_shift"]) * 1e3
@@ -175,44 +216,9 @@ def _warmest_knee(view: View, column: str) -> float:
     return float(steps[-3]) if steps.size >= _FEWEST_STEPS else view.span(column)[1]
 
 
-def _light_current(view: View, channel: str, current: str) -> tuple[FloatArray, FloatArray]:
-    """The simulation's signal as a function of the drive current, means over 2000 bins."""
-
-    def make() -> tuple[FloatArray, FloatArray]:
-        drive, light = view.columns.numbers[current], view.columns.numbers[f"sim_{channel}"]
-        good = np.isfinite(drive) & np.isfinite(light)
-        low, high = view.span(current)
-        bins = np.rint((drive[good] - low) / max(high - low, 1e-300) * 2000.0).astype(np.int64)
-        count = np.bincount(bins, minlength=2001)
-        used = count > 0
-        return (
-            np.bincount(bins, drive[good], 2001)[used] / count[used],
-            np.bincount(bins, light[good], 2001)[used] / count[used],
-        )
-
-    return per_table(view, ("light-current", channel, current), make)
-
-
-def _continued(drive: FloatArray, knots: FloatArray, curve: FloatArray) -> FloatArray:
-    """The light-current curve at any drive current (A): beyond its ends straight on, not below no light.
-
-    The threshold of a laser that is driven well above it moves the curve by more than the lowest current: held at its
-    end, the curve would not move there at all.
-    """
-    light = np.interp(drive, knots, curve)
-    if knots.size < 2:
-        return light
-    below = _end_slope(knots - knots[0], curve) * np.minimum(drive - knots[0], 0.0)
-    above = _end_slope((knots[-1] - knots)[::-1], curve[::-1]) * np.minimum(knots[-1] - drive, 0.0)
-    # a laser below its threshold gives none, whatever the straight line says
-    return np.asarray(np.maximum(light + below + above, min(float(curve.min()), 0.0)))
-
-
-def _end_slope(away: FloatArray, curve: FloatArray) -> float:
-    """Slope of a curve at its end, by the distance from it; over levels that lie apart, not within the first one."""
-    wide = _END * float(away[-1])
-    near = away <= wide
-    if away[near][-1] < 0.5 * wide:
-        near = away <= away[~near][0] + wide
-    centred = away[near] - away[near].mean()
-    return float(centred @ curve[near]) / float(centred @ centred)
+def _own_heat(variant: Variant, values: Values, view: View) -> FloatArray:
+    """What the laser heats itself by at the row's current, 1 at the highest one."""
+    share = np.maximum(np.nan_to_num(view.number(str(variant.options["current"]))), 0.0) / float(
+        variant.options["top"]
+    )
+    return np.asarray(np.clip(share, 0.0, 10.0) ** float(values["exponent"]))

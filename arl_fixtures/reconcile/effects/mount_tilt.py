@@ -28,6 +28,7 @@ class Tilt(Effect):
 
     id = "mount.tilt"
     stage = Stage.BOOKKEEPING
+    displaces = True
     source = "infinitesimal rotation in spherical coordinates"
     confusable = ("stage.zero_offset", "stage.eccentricity", "optics.focal_drift", "beam.profile_shift")
 

@@ -40,6 +40,7 @@ class Defocus(Effect):
 
     id = "optics.defocus"
     stage = Stage.OPTICS
+    displaces = True
     source = "Born, Wolf, Principles of Optics, sec. 8.8: blur disc grows with |defocus|; Gaussian approximation"
     mixes = True
     confusable = ("detector.crosstalk", "target.edge_mixing", "optics.focal_drift", "optics.veiling_glare")

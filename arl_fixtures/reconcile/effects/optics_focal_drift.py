@@ -29,6 +29,7 @@ class FocalDrift(Effect):
 
     id = "optics.focal_drift"
     stage = Stage.OPTICS
+    displaces = True
     source = "Elias, Eltner, Liebold, Maas, Sensors 20 (2020) 643: interior orientation over temperature"
     confusable = ("beam.profile_change", "optics.defocus", "mount.tilt")
 

@@ -20,6 +20,7 @@ class WindowContamination(LightFactor):
 
     id = "optics.window_contamination"
     stage = Stage.OPTICS
+    several = True
     source = "DIN SAE SPEC 91571 (2026): dirt on sensor windows; two passes of light through the same spot"
     confusable = ("detector.pixel_response", "optics.vignetting", "beam.profile_change")
 

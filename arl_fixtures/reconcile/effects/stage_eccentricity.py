@@ -34,6 +34,7 @@ class Eccentricity(Effect):
 
     id = "stage.eccentricity"
     stage = Stage.BOOKKEEPING
+    displaces = True
     source = "plane geometry: the range from a displaced point, to first order in displacement over range"
     confusable = ("stage.zero_offset", "mount.tilt", "timing.clock_scale", "timing.tdc_nonlinearity")
 

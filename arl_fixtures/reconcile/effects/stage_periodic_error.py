@@ -19,6 +19,7 @@ class PeriodicError(Effect):
 
     id = "stage.periodic_error"
     stage = Stage.BOOKKEEPING
+    displaces = True
     shared = True
     source = "worm and gear errors repeat with every turn of the worm, e.g. 360°/n; ISO 230-2"
     confusable = ("stage.zero_offset", "stage.eccentricity", "timing.tdc_nonlinearity")

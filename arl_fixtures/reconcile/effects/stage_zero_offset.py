@@ -19,6 +19,7 @@ class ZeroOffset(Effect):
 
     id = "stage.zero_offset"
     stage = Stage.BOOKKEEPING
+    displaces = True
     shared = True
     source = "geometry: dR/dθ = R·tan(incidence), and the step of the signal at an edge; ISO 230-2 (backlash)"
     confusable = ("mount.tilt", "acquisition.frame_lag", "stage.eccentricity", "stage.periodic_error")

@@ -1,0 +1,41 @@
+"""Dirt lies where it falls: two stains on one window are two findings, one that is no ellipse is not."""
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.table import columns_of
+
+
+def line_scan(seed, stains):
+    """A line scanner in a room of six walls; stains are (centre, half width, loss) with edges a beam's width soft."""
+    rng = np.random.default_rng(seed)
+    step, place = (part.ravel().astype(float) for part in np.meshgrid(np.arange(6), np.arange(280), indexing="ij"))
+    azimuth = place - 139.5
+    wall = np.floor((azimuth + 140.0) / 47.0)
+    light = 900.0 * np.array([0.8, 0.3, 0.6, 0.9, 0.4, 0.7])[wall.astype(int)]
+    kept = np.ones(place.size)
+    for centre, half, loss in stains:
+        rim = np.tanh((azimuth - centre + half) / 1.2) - np.tanh((azimuth - centre - half) / 1.2)
+        kept = kept * (1.0 - loss * 0.5 * rim) ** 2
+    sigma = np.hypot(6.0, 0.015 * light)
+    shared = 1.0 + 0.003 * rng.normal(size=6)[step.astype(int)]
+    return columns_of(pa.table({
+        "step": step, "housing_temperature_c": 10.0 + 8.0 * step, "azimuth_deg": azimuth,
+        "time_s": 900.0 * step + 1.3 * place, "surface": np.array(list("abcdef"))[wall.astype(int)],
+        "n_frames": np.full(place.size, 20.0), "sim_intensity_counts": light, "sim_intensity_counts_std": sigma,
+        "sim_intensity_counts_repeat_std": 0.003 * light,
+        "intensity_counts": light * kept * shared + sigma / np.sqrt(20.0) * rng.normal(size=place.size),
+    }))  # fmt: skip
+
+
+def test_two_stains_are_found_where_each_lies():
+    found = diagnose(line_scan(5, [(52.0, 7.0, 0.03), (-77.0, 4.0, 0.02)]))[0].findings
+    assert [f.effect for f in found] == ["optics.window_contamination"] * 2
+    centres = sorted(p.value for f in found for p in f.parameters if p.name == "centre_u")
+    assert centres == pytest.approx([-77.0, 52.0], abs=1.5)
+
+
+def test_one_stain_is_one_finding():
+    assert len(diagnose(line_scan(6, [(20.0, 9.0, 0.04)]))[0].findings) == 1
