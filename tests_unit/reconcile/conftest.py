@@ -8,6 +8,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from arl_fixtures.reconcile import reconcile
+from arl_fixtures.reconcile.catalogue import library
+
 Columns = dict[str, np.ndarray]
 Change = Callable[[Columns, np.random.Generator], None]
 
@@ -125,3 +128,14 @@ def parity() -> Change:
 @pytest.fixture(scope="session")
 def save() -> Callable[[Path, Columns], Path]:
     return write
+
+
+@pytest.fixture
+def knows_only(monkeypatch) -> Callable[..., None]:
+    """Lets `reconcile` search a few effects: for tests of what becomes of a finding, whoever else might be named."""
+
+    def know(*effects: str) -> None:
+        few = {name: library()[name] for name in effects}
+        monkeypatch.setattr(reconcile, "library", lambda: few)
+
+    return know

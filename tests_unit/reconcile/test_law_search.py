@@ -101,7 +101,7 @@ def test_a_jump_between_two_temperatures_is_placed_between_them_and_predicts_oth
     def hop(columns, _rng):
         columns["distance_m"] = columns["distance_m"] + 4e-3 * (columns["housing_temperature_c"] > 46.0)
 
-    looker, data = problem_of(61, hop, steps=8)
+    looker, data = problem_of(61, hop, steps=8, duts=1)
     law, chosen, _ = searched(looker, data)
     assert is_law(chosen)
     made = []
