@@ -43,7 +43,8 @@ def test_effects_without_their_columns_or_neighbours_could_not_be_seen(make_tabl
 def test_the_smallest_visible_size_grows_with_the_noise(make_table):
     sizes = []
     for factor in (20.0, 40.0):
-        reason = ask(noisier(make_table(1), factor), "timing.temperature_offset")["timing.temperature_offset"]
+        reasons = ask(noisier(make_table(1, steps=8), factor), "timing.temperature_offset")
+        reason = reasons["timing.temperature_offset"]
         assert "would show only beyond" in reason
         sizes.append(float(re.search(r"beyond ([\d.e+-]+)", reason).group(1)))
     assert sizes[1] / sizes[0] == pytest.approx(2.0, rel=0.2)
@@ -67,14 +68,23 @@ class Broken(Effect):
         raise AssertionError
 
 
-def test_an_effect_that_fails_is_noted_and_costs_nothing_else(make_table, walk):
-    table = make_table(2, walk)
+@pytest.fixture(scope="module")
+def walked(make_table, walk):
+    """Diagnosis and decision of a table with a range walk, by that effect and a broken one."""
+    table = make_table(2, walk, steps=8)
     columns = columns_of(pa.table({n: pa.array(v.tolist() if v.dtype.kind == "U" else v) for n, v in table.items()}))
     diagnosis, _, decision = diagnose(columns, effects=[Broken(), library()["timing.range_walk"]])
+    return diagnosis, decision
+
+
+def test_an_effect_that_fails_is_noted_and_costs_nothing_else(walked):
+    diagnosis, decision = walked
     assert [f.effect for f in diagnosis.findings][:1] == ["timing.range_walk"]
     assert diagnosis.notes["detector.broken"] == "was not tried: IndexError tuple index out of range"
     assert "detector.broken" not in invisible_effects(decision)
 
 
-def test_an_effect_that_was_found_is_not_called_invisible(make_table, walk):
-    assert "timing.range_walk" not in ask(make_table(2, walk), "timing.range_walk")
+def test_an_effect_that_was_found_is_not_called_invisible(walked):
+    diagnosis, decision = walked
+    assert "timing.range_walk" in [f.effect for f in diagnosis.findings]
+    assert "timing.range_walk" not in invisible_effects(decision)

@@ -27,7 +27,7 @@ def scanned_room(seed, stain=None, rings=False):
     """A scanner of 16 beams in a square room with boards on its walls, turned to four angles."""
     rng = np.random.default_rng(seed)
     step, stage, place, beam = (
-        a.ravel().astype(float) for a in np.meshgrid(*(np.arange(n) for n in (4, 4, 60, 16)), indexing="ij")
+        a.ravel().astype(float) for a in np.meshgrid(*(np.arange(n) for n in (3, 3, 60, 16)), indexing="ij")
     )
     azimuth, elevation = place * 6.0 + 0.5 * step, 2.0 * beam - 15.0
     bearing = np.radians(np.mod(azimuth + 17.0 * stage, 360.0))
@@ -36,7 +36,7 @@ def scanned_room(seed, stain=None, rings=False):
     light = 5e4 * np.array([0.1, 0.3, 0.55, 0.8])[board] / far**2
     sigma = np.hypot(15.0, 0.02 * light)
     kept = 1.0 if stain is None else (1.0 - 0.25 * hidden(azimuth, elevation, stain)) ** 2
-    shared = 1.0 + 0.002 * rng.normal(size=4)[step.astype(int)]
+    shared = 1.0 + 0.002 * rng.normal(size=3)[step.astype(int)]
     return columns_of(pa.table({
         "step": step, "stage_angle_deg": 17.0 * stage, "azimuth_deg": azimuth, "elevation_deg": elevation,
         **({"pixel_v": beam} if rings else {}), "time_s": 600.0 * step + 30.0 * stage + 0.1 * place,
