@@ -46,6 +46,16 @@ def rotate(x, y, z, camera):
 def render(u, v, stage_deg, camera=None):
     """Signal, distance, surface index (3 = wall), mixed, incidence and range of pixels at stage angles."""
     camera = camera or Camera()
+    poses = camera.yaw_deg, camera.pitch_deg, camera.roll_deg, camera.forward_m, camera.right_m
+    if any(np.ndim(of_rows) for of_rows in (camera.zoom, *poses, *camera.beam)):
+        return rendered(u, v, stage_deg, camera)
+    # what is seen at several steps alike is rendered once
+    sights, rows = np.unique(np.stack(np.broadcast_arrays(u, v, stage_deg)), axis=1, return_inverse=True)
+    return {name: values[..., rows.ravel()] for name, values in rendered(*sights, camera).items()}
+
+
+def rendered(u, v, stage_deg, camera):
+    """The same, row by row."""
     light, far, near, tilt = [], [], [], []
     for du in ACROSS:
         x, y, z = (u + du - CU) / (FX * camera.zoom), (v - CV) / (FY * camera.zoom), np.ones_like(u)
