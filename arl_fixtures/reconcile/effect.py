@@ -213,6 +213,10 @@ class Effect(ABC):
         """
         return dict(variant.where)
 
+    def says_as_well(self, variant: Variant) -> tuple[str, ...]:
+        """Ids that mean the same in the way in which a variant acts, whatever tells their laws apart."""
+        return ()
+
     def next_experiment(self, variant: Variant) -> str:
         """The measurement that would confirm the effect or tell it from its look-alikes."""
         return ""

@@ -121,6 +121,7 @@ def _alternatives(
         deficit = own - r.gain
         at_edges = sampled and all(e.displaces or e.mixes for e in (term.effect, r.fit.terms[-1].effect))
         twin = deficit < max(TWIN_GAIN, (EDGE_SHARE if at_edges else TWIN_SHARE) * own)
+        twin = twin or (effect in term.effect.says_as_well(term.variant) and r.gain > 0)
         reason = f"loses {deficit:.1f} of {own:.1f} in log-likelihood" if r.gain > 0 else "gains nothing in its place"
         alternatives.append(
             Alternative(

@@ -25,7 +25,8 @@ from arl_fixtures.reconcile.view import View
 class ThermalLag(Effect):
     """D += slope·(T_late − T) or slope·(T_late − reference); T_late follows T with a first-order time constant.
 
-    The first where the simulation knows the offset but not the lag, the second where it knows neither.
+    The first where the simulation knows the offset but not the lag, the second where it knows neither and no chip's
+    own temperature was logged: what follows that one is an offset, and only what comes later still is a lag.
     """
 
     id = "timing.thermal_lag"
@@ -47,7 +48,8 @@ class ThermalLag(Effect):
                 duration = record.interval * record.values.shape[1]
                 # a quicker die cannot be told from one without lag
                 shortest = max(2.0 * record.interval, min(100.0 if record.unit == "s" else 0.3, 0.05 * duration))
-                for kind in ("difference", "whole"):
+                chips = [name for name in ("tof_temperature_c", "fpga_temperature_c") if view.varies(name)]
+                for kind in ("difference",) if chips else ("difference", "whole"):
                     options: dict[str, Option] = {"channel": distance, "temperature": column, "kind": kind}
                     if kind == "whole":
                         options["reference"] = reference(view, column)
@@ -77,6 +79,10 @@ class ThermalLag(Effect):
         else:
             acting = on_rows(view, late) - float(variant.options["reference"])
         state[distance] = state[distance] + float(values["slope"]) * np.nan_to_num(acting)
+
+    def says_as_well(self, variant: Variant) -> tuple[str, ...]:
+        """An offset that follows a late temperature is one that follows a chip's own, which was not logged."""
+        return ("timing.temperature_offset",) if variant.options["kind"] == "whole" else ()
 
     def expression(self, variant: Variant) -> str:
         """The law."""
