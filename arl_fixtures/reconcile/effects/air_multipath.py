@@ -34,7 +34,7 @@ class Multipath(Effect):
     * image, near: stray light of the image, or of the columns within nine pixels, arrives over a longer way:
       I += share·S, D += detour·share·S / (I + share·S): weak pixels beside bright ones lengthen most.
     * side: a surface beside the beam (floor, housing), at `height`: detour (sqrt(R² + 4·height²) − R) / 2 with a
-      share that falls off along the longer way. Needs no image.
+      share k that falls off along the longer way. Needs no image. A signal that gathers all light (`lit`) grows by k.
     """
 
     id = "air.multipath"
@@ -67,13 +67,20 @@ class Multipath(Effect):
             height = shape("height", unit, 0.02 * high, 0.35 * high, 0.05 * high, 0.15 * high)
             driver = "true_range_m" if view.varies("true_range_m") else f"sim_{far[0]}"
             yield self._variant("side", (share, height), far, (driver,))
+            if channel:
+                yield self._variant("side", (share, height), everything, (driver,), lit=True)
 
     def _variant(
-        self, source: str, parameters: tuple[Parameter, ...], channels: tuple[str, ...], drivers: tuple[str, ...]
+        self,
+        source: str,
+        parameters: tuple[Parameter, ...],
+        channels: tuple[str, ...],
+        drivers: tuple[str, ...],
+        **further: bool,
     ) -> Variant:
         return Variant(
             effect=self.id,
-            options={"source": source},
+            options={"source": source, **further},
             parameters=parameters,
             channels=channels,
             drivers=drivers,
@@ -84,9 +91,12 @@ class Multipath(Effect):
         channel, share = view.channel(Role.INTENSITY), float(values["share"])
         source = variant.options["source"]
         if source == "side":
+            near = distances(view)[0]
+            if variant.options.get("lit"):
+                part = _beside_the_beam(share, state[near], values)[0]
+                set_light(view, state, channel, state[channel] * (1.0 + np.nan_to_num(part)))
             for name in distances(view):
-                longer = np.sqrt(state[name] ** 2 + 4.0 * float(values["height"]) ** 2)
-                part = share * (state[name] / longer) ** 2
+                part, longer = _beside_the_beam(share, state[name], values)
                 moved = 0.5 * part / (1.0 + part) * (longer - state[name])
                 state[name] = state[name] + np.where(np.isfinite(moved), moved, 0.0)
             return
@@ -113,10 +123,8 @@ class Multipath(Effect):
         """The law."""
         source = variant.options["source"]
         if source == "side":
-            return (
-                "distance += k / (1 + k) * (L - distance) / 2, L = sqrt(distance^2 + 4 height^2), k = share * "
-                "(distance / L)^2"
-            )
+            law = "distance += k / (1 + k) * (L - distance) / 2, L = sqrt(distance^2 + 4 height^2), k = share * "
+            return f"{law}(distance / L)^2" + ("; signal *= 1 + k" if variant.options.get("lit") else "")
         if source == "room":
             return (
                 "signal *= 1 + k; distance += k / (1 + k) * detour; k = share * (light from the other surfaces), "
@@ -145,6 +153,12 @@ class Multipath(Effect):
     def next_experiment(self, variant: Variant) -> str:
         """What tells it from range walk."""
         return "Cover the bright panel beside the dark one with black cloth: multipath goes, range walk stays."
+
+
+def _beside_the_beam(share: float, away: FloatArray, values: Values) -> tuple[FloatArray, FloatArray]:
+    """Share of the light that comes over a surface beside the beam, and the way that it takes there and back once."""
+    longer = np.sqrt(away**2 + 4.0 * float(values["height"]) ** 2)
+    return share * (away / longer) ** 2, longer
 
 
 def _beside(view: View, state: State, channel: str) -> FloatArray:

@@ -363,3 +363,24 @@ def test_a_surface_beside_the_beam_is_a_longer_way_mostly_at_short_range():
     view = View(columns)
     state = corrected(view, variant_of(view, "air.multipath", source="side"), share=0.05, height=0.5)
     assert left_over(view, state, "distance_m") < 1e-6
+
+
+def test_a_receiver_that_gathers_all_light_sees_the_surface_beside_the_beam_in_its_signal_too():
+    truth = np.linspace(0.3, 4.0, 120)
+    time = np.linspace(-4e-9, 45e-9, 2500)
+
+    def echo(way):  # a pulse of 1.1 ns on its way there and back
+        return np.exp(-0.5 * ((time - 2.0 * way[:, None] / 299_792_458.0) / 1.1e-9) ** 2)
+
+    part = 0.03 * (truth / np.sqrt(truth**2 + 4.0 * 0.4**2)) ** 2  # the longer way, weaker by its square
+    wave = 800.0 * (echo(truth) + part[:, None] * echo(0.5 * (truth + np.sqrt(truth**2 + 4.0 * 0.4**2))))
+    direct = 800.0 * echo(truth)
+    centre = 0.5 * 299_792_458.0 * (wave @ time) / wave.sum(axis=1)
+    columns = plain_table(
+        120, sim_distance_m=truth, distance_m=centre, sim_signal_counts=direct.sum(axis=1),
+        signal_counts=wave.sum(axis=1),
+    )  # fmt: skip
+    view = View(columns)
+    state = corrected(view, variant_of(view, "air.multipath", source="side", lit=True), share=0.03, height=0.4)
+    assert left_over(view, state, "signal_counts") < 1e-3
+    assert left_over(view, state, "distance_m") < 1e-3
