@@ -187,7 +187,7 @@ class Effect(ABC):
     common: ClassVar[bool] = False
     """Whether the scatter that it adds is the same in all rows of a frame: means of few frames then scatter, too."""
     confusable: ClassVar[tuple[str, ...]] = ()
-    """Ids that some tables cannot tell from this one (the engine tests whether this table can)."""
+    """Ids that are like this one: a table must tell them apart more clearly than others (the engine tests it)."""
 
     @abstractmethod
     def variants(self, view: View) -> Iterable[Variant]:

@@ -11,7 +11,7 @@ import numpy as np
 from arl_fixtures.reconcile.acceptance import PRICE
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.diagnosis import Alternative, Finding, HeldOut, ParameterValue
-from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.effect import Effect, State
 from arl_fixtures.reconcile.effects_render import rendered
 from arl_fixtures.reconcile.fit import Fit, finish, fit
 from arl_fixtures.reconcile.intervals import half_widths
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 TWIN_GAIN, TWIN_SHARE = 3.0, 0.03
 """An alternative that loses less than this (log-likelihood, or share of the finding's gain) cannot be told apart."""
+LIKE_SHARE = 0.08
+"""The share for effects that are known to be alike: a real one's shape differs from the library's by such a part."""
 EDGE_SHARE = 0.3
 """The share for effects that show at edges, where these are known from the table's own samples only: what the
 operators themselves get wrong there is more than what tells them apart."""
@@ -119,8 +121,7 @@ def _alternatives(
         if effect == term.effect.id or any(a.effect == effect for a in alternatives):
             continue
         deficit = own - r.gain
-        at_edges = sampled and all(e.displaces or e.mixes for e in (term.effect, r.fit.terms[-1].effect))
-        twin = deficit < max(TWIN_GAIN, (EDGE_SHARE if at_edges else TWIN_SHARE) * own)
+        twin = deficit < max(TWIN_GAIN, _undecided(term.effect, r.fit.terms[-1].effect, sampled=sampled) * own)
         twin = twin or (effect in term.effect.says_as_well(term.variant) and r.gain > 0)
         reason = f"loses {deficit:.1f} of {own:.1f} in log-likelihood" if r.gain > 0 else "gains nothing in its place"
         alternatives.append(
@@ -134,6 +135,17 @@ def _alternatives(
         if twin:
             twins[effect] = r.fit.terms[-1].effect.next_experiment(r.fit.terms[-1].variant)
     return alternatives[:6], twins
+
+
+def _undecided(named: Effect, other: Effect, *, sampled: bool) -> float:
+    """Share of a finding's gain that another effect may lose without being told apart.
+
+    `sampled`: whether the scene is known from the table's own samples only.
+    """
+    if sampled and all(e.displaces or e.mixes for e in (named, other)):
+        return EDGE_SHARE
+    alike = other.id in named.confusable or named.id in other.confusable
+    return LIKE_SHARE if alike else TWIN_SHARE
 
 
 def _held_out(decision: Decision, index: int, channels: Sequence[str], gain: float) -> HeldOut:
