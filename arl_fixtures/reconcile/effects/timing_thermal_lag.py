@@ -21,6 +21,9 @@ from arl_fixtures.reconcile.effects_history import history, lagged, on_rows, tim
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
+_LONGEST = 0.25
+"""Share of what was recorded that a time constant may take: a later node stands still, and its lag is an offset."""
+
 
 class ThermalLag(Effect):
     """D += slope·(T_late − T) or slope·(T_late − reference); T_late follows T with a first-order time constant.
@@ -49,6 +52,7 @@ class ThermalLag(Effect):
                 # a quicker die cannot be told from one without lag
                 shortest = max(2.0 * record.interval, min(100.0 if record.unit == "s" else 0.3, 0.05 * duration))
                 chips = [name for name in ("tof_temperature_c", "fpga_temperature_c") if view.varies(name)]
+                longest = max(_LONGEST * duration, 4.0 * shortest)
                 for kind in ("difference",) if chips else ("difference", "whole"):
                     options: dict[str, Option] = {"channel": distance, "temperature": column, "kind": kind}
                     if kind == "whole":
@@ -61,7 +65,7 @@ class ThermalLag(Effect):
                         options=options,
                         parameters=(
                             amplitude("slope", late, -most, most, 1e-3 * most),
-                            shape("time_constant", record.unit, shortest, duration, *starts),
+                            shape("time_constant", record.unit, shortest, longest, *starts),
                         ),
                         channels=(distance,),
                         drivers=(column, *(("ramp",) if view.varies("ramp") else ()), time_column(view)),
