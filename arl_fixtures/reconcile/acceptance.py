@@ -89,7 +89,7 @@ def is_repeat(base: Fit, candidate: Candidate) -> bool:
     return not new.effect.several and any(
         term.effect.id == new.effect.id
         and set(term.variant.channels) & set(new.variant.channels)
-        and (_columns(term) <= _columns(new) or _columns(new) <= _columns(term))
+        and (new.effect.single or _columns(term) <= _columns(new) or _columns(new) <= _columns(term))
         and (term.unit == new.unit or not term.unit or not new.unit)
         and (_surface(term) == _surface(new) or not _surface(term) or not _surface(new))
         for term in base.terms

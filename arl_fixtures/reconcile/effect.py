@@ -182,6 +182,8 @@ class Effect(ABC):
     """Whether it mixes a row with rows that lie next to it in the image or the sweep."""
     several: ClassVar[bool] = False
     """Whether it may act at several places, each with its own parameters: one that lies elsewhere is another one."""
+    single: ClassVar[bool] = False
+    """Whether a channel has one of it at most, whichever column drives it."""
     displaces: ClassVar[bool] = False
     """Whether rows show the scene from elsewhere: what they see at its edges hangs on how well these are known."""
     common: ClassVar[bool] = False

@@ -27,6 +27,7 @@ class RailCoupling(LightFactor):
 
     id = "electronics.rail_coupling"
     stage = Stage.DETECTOR
+    single = True  # several noisy rails that drift together are a thermometer
     source = "finite power-supply rejection: gain error = coupling · relative deviation of the supply"
     confusable = ("detector.gain_temperature", "laser.thermal_rolloff")
 
