@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.acceptance import LEAST_SCATTER, MISFIT_SHARE, PRICE
+from arl_fixtures.reconcile.cross_fit import cross_fitted
 from arl_fixtures.reconcile.dead import bring_back
 from arl_fixtures.reconcile.diagnosis import ChannelFit, Finding
 from arl_fixtures.reconcile.effect import Effect, State
@@ -24,7 +24,7 @@ from arl_fixtures.reconcile.findings import (
     pattern_finding,
     scatter_finding,
 )
-from arl_fixtures.reconcile.fit import Fit, finish, fit, with_vector
+from arl_fixtures.reconcile.fit import Fit, finish, fit
 from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.law_search import add_trees, is_law, search_law
 from arl_fixtures.reconcile.locate import locate, located_law
@@ -37,7 +37,7 @@ from arl_fixtures.reconcile.patterns import (
     is_calibration,
 )
 from arl_fixtures.reconcile.pilot import Structure
-from arl_fixtures.reconcile.problem import FOLDS, ChannelData, Problem
+from arl_fixtures.reconcile.problem import ChannelData, Problem
 from arl_fixtures.reconcile.rivals import (
     LEAST_Z,
     has_other_place,
@@ -351,38 +351,8 @@ class Decision:
 
     def cross_fitted(self) -> State:
         """Corrected simulation in which each fold's rows use parameters of the other folds (one Newton step)."""
-        view = self.problem.view
-        final = self.final_state()
-        if not self.best.keys:
-            return final
-        base = forward(self.terms, view)
-        fold = np.concatenate([d.fold for d in self.problem.data])
-        result = {name: values.copy() for name, values in final.items()}
-        for k in range(FOLDS):
-            state = self._without(fold == k, base)
-            rows = self.problem.fold == k
-            for name in result:
-                result[name][rows] = (state[name] + (final[name] - base[name]))[rows]
-        return result
-
-    def _without(self, unseen: NDArray[np.bool_], base: State) -> State:
-        """Corrected simulation with the effects as the other rows have them.
-
-        The step is halved until it serves these rows: along what they hardly tell, a Newton step leads anywhere.
-        """
-        vector, train = self.best.values(), ~unseen
-        scale = np.sqrt(np.maximum(np.diag(self.best.jacobian.T @ self.best.jacobian), 1e-300))
-        jacobian = self.best.jacobian[train] / scale
-        low, high = (np.array([getattr(p, end) for _, p in self.best.keys]) for end in ("low", "high"))
-        gram = jacobian.T @ jacobian + 1e-6 * np.eye(len(vector))
-        shift = np.linalg.lstsq(gram, jacobian.T @ self.best.residual[train], rcond=1e-10)[0] / scale
-        left = float(np.sum(self.problem.whiten_state(base)[train] ** 2))
-        for share in (1.0, 0.5, 0.25, 0.1):
-            terms = with_vector(self.best.terms, self.best.keys, np.clip(vector + share * shift, low, high))
-            state = forward((*terms, *(p.term for p in self.patterns)), self.problem.view)
-            if float(np.sum(self.problem.whiten_state(state)[train] ** 2)) <= left:
-                return state
-        return base
+        patterns = tuple(p.term for p in self.patterns)
+        return cross_fitted(self.problem, self.best, patterns, self.final_state())
 
     def _fits(self) -> dict[str, ChannelFit]:
         view = self.problem.view
