@@ -1,0 +1,54 @@
+"""When two findings are one, and when two names are too alike to choose between."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from arl_fixtures.reconcile.acceptance import is_repeat
+from arl_fixtures.reconcile.catalogue import library
+from arl_fixtures.reconcile.effect import Variant
+from arl_fixtures.reconcile.findings import _undecided
+from arl_fixtures.reconcile.rivals import mends_the_same
+from arl_fixtures.reconcile.terms import Term
+
+
+def acting(effect, *drivers):
+    known = library()[effect]
+    return Term(
+        effect=known, values={},
+        variant=Variant(effect=effect, parameters=(), channels=("intensity_counts",), drivers=drivers),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("effect", "first", "second", "repeat"),
+    [
+        ("electronics.rail_coupling", "rail_1v8_v", "rail_12v0_v", True),  # one supply to a channel's gain
+        ("optics.window_contamination", "azimuth_deg", "azimuth_deg", False),  # dirt lies at several places
+        ("detector.gain_temperature", "tof_temperature_c", "tof_temperature_c", True),
+        ("laser.power_decay", "cycle", "time_s", False),
+    ],
+)
+def test_what_may_act_twice_on_a_channel(effect, first, second, repeat):
+    base = SimpleNamespace(terms=(acting(effect, first),))
+    assert is_repeat(base, SimpleNamespace(term=acting(effect, second))) == repeat
+
+
+def test_the_more_alike_two_effects_are_the_more_it_takes_to_choose():
+    known = library()
+    zero, late = known["stage.zero_offset"], known["acquisition.frame_lag"]
+    beam, passband, walk = known["beam.profile_change"], known["optics.filter_shift"], known["timing.range_walk"]
+    strange = _undecided(beam, walk, sampled=True)
+    alike = _undecided(beam, passband, sampled=True)
+    assert strange < alike < _undecided(zero, late, sampled=True)
+    assert alike == _undecided(passband, beam, sampled=True)
+    # a bench that is rendered knows its edges
+    assert _undecided(zero, late, sampled=False) == alike
+
+
+def test_only_what_mixes_neighbours_may_leave_a_rest_at_edges():
+    mixing, moving = acting("target.edge_mixing", "mixed"), acting("stage.zero_offset", "stage_angle_deg")
+    at_edges, elsewhere = ["~edge(intensity_counts)", "mixed", "step"], ["housing_temperature_c", "mixed"]
+    assert mends_the_same([mixing], at_edges)
+    assert not mends_the_same([mixing], elsewhere)
+    assert not mends_the_same([mixing, moving], at_edges)
