@@ -200,10 +200,14 @@ class HflReceiver:
     def listen(self, duration_s: float) -> dict[str, DutStatus]:
         """Listen to all DUTs for a while, as a check of the connection.
 
+        Frames that have lain unread for long say nothing of it: they are thrown away.
+
         Returns:
             Status by serial number.
         """
         deadline_s = self._clock.now_s + duration_s
+        if duration_s > 0.0:
+            self._ports.frames.discard(self._clock.now_s - LONGEST_BACKLOG_S)
         while (now_s := self._clock.now_s) < deadline_s:
             self._hear(deadline_s - now_s, float("inf"))
         self._read_records()

@@ -346,3 +346,12 @@ def test_close_releases_all_ports():
     duts, _ = receiver([], telemetry=[], operating=[])
     duts.close()
     assert all(port.closed for port in (duts._ports.frames, duts._ports.telemetry, duts._ports.operating))
+
+
+def test_frames_that_lay_unread_for_long_are_no_sign_of_life_now():
+    duts, clock = receiver(frames_of("192.168.10.21", count=100) + frames_of("192.168.10.22", count=130))
+    clock.sleep(5.5)
+    status = duts.listen(0.3)
+    assert status["SN-A"].counts.packets == 0  # its last is 1.5 s old
+    assert 0 < status["SN-B"].counts.frames <= 25
+    assert status["SN-B"].last_packet_s == pytest.approx(129 * PERIOD_S + LEAD_S + 31 * SPACING_S)
