@@ -12,7 +12,7 @@ from typing import Protocol, final, runtime_checkable
 
 from arl_fixtures.bench.clock import VirtualClock
 from arl_fixtures.devices.port import Datagram
-from arl_fixtures.emulators.device import DatagramDevice, StreamDevice
+from arl_fixtures.emulators.device import BulkyDevice, DatagramDevice, Outgoing, StreamDevice
 from arl_fixtures.errors import DeviceLostError
 
 
@@ -98,7 +98,7 @@ class VirtualNetwork:
     """The UDP side of an emulated bench: several senders, several listening ports.
 
     Nothing is computed for times in which nobody waits: `skip` moves on past them, as a host does that
-    throws away what its socket collected meanwhile.
+    throws away what its socket collected meanwhile. What is dear is computed only for who takes it.
 
     Args:
         devices: the senders.
@@ -109,7 +109,10 @@ class VirtualNetwork:
 
     def __init__(self, devices: Sequence[DatagramDevice], clock: VirtualClock, *, poll_s: float = 0.016) -> None:
         self._devices, self._clock, self._poll_s = tuple(devices), clock, poll_s
-        self._sent_until_s = clock.now_s
+        # asked once: what a protocol says of an object takes long
+        self._bulky = [device if isinstance(device, BulkyDevice) else None for device in self._devices]
+        self._bulk_ports = {device.bulk_port for device in self._bulky if device is not None}
+        self._sent_until_s = self._bulk_until_s = clock.now_s
         self._queues: dict[int, deque[Datagram]] = {}
 
     def listen(self, port: int) -> VirtualDatagramPort:
@@ -122,7 +125,7 @@ class VirtualNetwork:
         clock, queue = self._clock, self._queues[port]
         deadline_s = clock.now_s + max(timeout_s, 0.0)
         while True:
-            self._collect()
+            self._collect(bulk=port in self._bulk_ports)
             if queue or clock.now_s >= deadline_s:
                 taken = list(queue)
                 queue.clear()
@@ -141,26 +144,31 @@ class VirtualNetwork:
         lost = len(queue) - len(kept)
         queue.clear()
         queue.extend(kept)
-        self._sent_until_s = max(self._sent_until_s, min(self._clock.now_s, before_s))
+        forgotten_s = min(self._clock.now_s, before_s)
+        self._sent_until_s = max(self._sent_until_s, forgotten_s)
+        self._bulk_until_s = max(self._bulk_until_s, forgotten_s)
         return lost
 
-    def _collect(self) -> None:
-        now_s = self._clock.now_s
-        if now_s <= self._sent_until_s:
-            return
+    def _collect(self, *, bulk: bool) -> None:
+        now_s, since_s, bulk_since_s = self._clock.now_s, self._sent_until_s, self._bulk_until_s
         queues, arrivals = self._queues, []
-        for device in self._devices:
+        for device, bulky in zip(self._devices, self._bulky, strict=True):
+            sent: list[tuple[int, Outgoing]] = []
+            if now_s > since_s:
+                sent = (device.send if bulky is None else bulky.send_rest)(since_s, now_s)
+            if bulk and bulky is not None and now_s > bulk_since_s:
+                sent = bulky.send_bulk(bulk_since_s, now_s) + sent
             address = device.address
             arrivals += [
-                (time_s, port, Datagram(data, address, time_s))
-                for port, (time_s, data) in device.send(self._sent_until_s, now_s)
-                if port in queues
+                (time_s, port, Datagram(data, address, time_s)) for port, (time_s, data) in sent if port in queues
             ]
         # stable: at equal times the order of the devices
         arrivals.sort(key=itemgetter(0))
         for _, port, datagram in arrivals:
             queues[port].append(datagram)
-        self._sent_until_s = now_s
+        self._sent_until_s = max(since_s, now_s)
+        if bulk:
+            self._bulk_until_s = max(bulk_since_s, now_s)
 
 
 @final

@@ -7,7 +7,7 @@ All emulators of a bench share one `Plant`.
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 
 class Outgoing(NamedTuple):
@@ -43,3 +43,18 @@ class DatagramDevice(Protocol):
         Only called while somebody listens: what nobody hears need not be computed, and skipping must not change
         what is sent later (noise is a function of seed and frame number).
         """
+
+
+@runtime_checkable
+class BulkyDevice(DatagramDevice, Protocol):
+    """One that sends much to one port, which is dear to compute, and little to others."""
+
+    @property
+    def bulk_port(self) -> int:
+        """Destination of what is dear."""
+
+    def send_bulk(self, now_s: float, until_s: float) -> list[tuple[int, Outgoing]]:
+        """As `send`, only what goes to that port."""
+
+    def send_rest(self, now_s: float, until_s: float) -> list[tuple[int, Outgoing]]:
+        """As `send`, only what goes to others."""

@@ -7,7 +7,7 @@ the seed, the noise. So nothing is computed for frames that nobody hears, and le
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final, Self, final
 
@@ -185,41 +185,53 @@ class DutEmulator:
 
     def send(self, now_s: float, until_s: float) -> list[Sent]:
         """Everything that leaves in `now_s` < time <= `until_s`."""
-        self._plant.advance(until_s)
-        first_s = self._first_packet_s()
-        if first_s > until_s:
-            return []
-        period_s = self._settings.frame_period_s
-        # the record after the rows leaves one spacing later than the last of them
-        begin = max(0, math.floor((now_s - first_s - self._settings.readout_s) / period_s))
-        end = math.floor((until_s - first_s) / period_s + 1e-9)
+        sent = self.send_bulk(now_s, until_s) + self.send_rest(now_s, until_s)
+        sent.sort(key=_time_s)
+        return sent
+
+    @property
+    def bulk_port(self) -> int:
+        """Where frames go: each has to be rendered."""
+        return self._wire.frame_port
+
+    def send_bulk(self, now_s: float, until_s: float) -> list[Sent]:
+        """The rows of frames that leave in `now_s` < time <= `until_s`."""
         sent: list[Sent] = []
-        for count in range(begin, end + 1):
-            packet_s = first_s + count * period_s
-            if self._is_mute(packet_s):
-                continue
-            sent += self._frame(count, packet_s, now_s, until_s)
-        telemetry = self._telemetry(first_s, now_s, until_s)
-        if telemetry:
-            sent += telemetry
+        for count, packet_s in self._frames(now_s, until_s):
+            last_s = packet_s + (ROWS - 1) * self._spacing_s
+            if last_s > now_s and packet_s <= until_s:
+                rows = self._packets_of(count, packet_s)
+                whole = now_s < packet_s and last_s <= until_s
+                sent += rows if whole else [item for item in rows if now_s < item[1].time_s <= until_s]
+        return sent
+
+    def send_rest(self, now_s: float, until_s: float) -> list[Sent]:
+        """Operating data and telemetry that leave in `now_s` < time <= `until_s`."""
+        settings, port = self._settings, self._wire.operating_port
+        every, sent = settings.operating_every_frames, self._telemetry(now_s, until_s)
+        if every:
+            for count, packet_s in self._frames(now_s, until_s):
+                record_s = packet_s + settings.readout_s
+                if count % every == 0 and now_s < record_s <= until_s:
+                    sent.append((port, Outgoing(record_s, self._record(count, packet_s))))
             sent.sort(key=_time_s)
         return sent
 
     # -- parts of what is sent
 
-    def _frame(self, count: int, packet_s: float, now_s: float, until_s: float) -> list[Sent]:
-        settings = self._settings
-        sent: list[Sent] = []
-        last_s = packet_s + (ROWS - 1) * self._spacing_s
-        if last_s > now_s and packet_s <= until_s:
-            sent = self._packets_of(count, packet_s)
-            if packet_s <= now_s or last_s > until_s:
-                sent = [item for item in sent if now_s < item[1].time_s <= until_s]
-        record_s = packet_s + settings.readout_s
-        every = settings.operating_every_frames
-        if every and count % every == 0 and now_s < record_s <= until_s:
-            sent = [*sent, (self._wire.operating_port, Outgoing(record_s, self._record(count, packet_s)))]
-        return sent
+    def _frames(self, now_s: float, until_s: float) -> Iterator[tuple[int, float]]:
+        """Number and time of the first packet of each frame of which anything may leave then."""
+        self._plant.advance(until_s)
+        first_s, period_s = self._first_packet_s(), self._settings.frame_period_s
+        if first_s > until_s:
+            return
+        # the record after the rows leaves one spacing later than the last of them
+        begin = max(0, math.floor((now_s - first_s - self._settings.readout_s) / period_s))
+        end = math.floor((until_s - first_s) / period_s + 1e-9)
+        for count in range(begin, end + 1):
+            packet_s = first_s + count * period_s
+            if not self._is_mute(packet_s):
+                yield count, packet_s
 
     def _packets_of(self, count: int, packet_s: float) -> list[Sent]:
         """All packets of a frame. A window may end in the middle of one, so the last frame's are kept."""
@@ -300,11 +312,14 @@ class DutEmulator:
             )
         )
 
-    def _telemetry(self, first_s: float, now_s: float, until_s: float) -> list[Sent]:
-        settings = self._settings
+    def _telemetry(self, now_s: float, until_s: float) -> list[Sent]:
+        self._plant.advance(until_s)
+        settings, first_s = self._settings, self._first_packet_s()
+        if first_s > until_s:
+            return []
         period_s = settings.telemetry_period_s
         begin = max(0, math.floor((now_s - first_s) / period_s))
-        sent = []
+        sent: list[Sent] = []
         for count in range(begin, math.floor((until_s - first_s) / period_s + 1e-9) + 1):
             time_s = first_s + count * period_s
             if not now_s < time_s <= until_s or self._is_mute(time_s):

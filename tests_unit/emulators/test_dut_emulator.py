@@ -276,6 +276,17 @@ def test_a_sweep_takes_frames_at_rest_only_and_wastes_no_time():
     assert all(status.counts.lost_rows == 0 for status in receiver.status().values())
 
 
+def test_whoever_reads_records_lets_no_frame_be_rendered(monkeypatch):
+    receiver, clock, _ = bench()
+    exposed, expose = [], DutEmulator._expose
+    monkeypatch.setattr(DutEmulator, "_expose", lambda dut, time_s: exposed.append(time_s) or expose(dut, time_s))
+    telemetry = [status.telemetry for status in receiver.listen(0.0).values()]
+    assert [each.serial for each in telemetry] == ["EMU-1", "EMU-2"]
+    assert exposed == []
+    collect(receiver, clock, 2)
+    assert min(exposed) > 4.9
+
+
 def test_a_silent_dut_and_a_healthy_one():
     receiver, clock, _ = bench(Fault(device="dut_1", kind=FaultKind.DUT_SILENT, start_s=4.0))
     with pytest.raises(DutSilentError) as error:
