@@ -18,7 +18,7 @@ def clean_text(text: object) -> object:
     """Valid Unicode of bounded length; lone surrogates become escapes."""
     if not isinstance(text, str):
         return text
-    whole = text.encode("utf-8", "backslashreplace").decode()
+    whole = text if text.isascii() else text.encode("utf-8", "backslashreplace").decode()
     return whole if len(whole) <= _MAX_TEXT else whole[:_MAX_TEXT] + "…"
 
 
