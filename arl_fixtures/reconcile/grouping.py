@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from arl_fixtures.reconcile.columns import IMAGE_COLUMNS, Columns, FloatArray, IntArray
+from arl_fixtures.reconcile.roles import counts_visits
 
 UNIT_WORDS = ("zone", "pixel", "channel", "sensor", "device", "unit", "module", "serial", "run", "tap")
 DEVICE_WORDS = ("dut", "sensor", "device", "module", "serial", "run")
@@ -58,21 +59,25 @@ class Groups:
 
 def find_groups(table: Columns) -> Groups:
     """Groups of a table, see `Groups`."""
-    unit_columns = _unit_columns(table)
+    unit_columns = unit_columns_of(table)
     unit = table.group(*unit_columns)
     step_columns: tuple[str, ...] = tuple(n for n in ("cycle", "step") if n in table.numbers)
+    visits: tuple[str, ...] = ()
     if "step" not in table.numbers:
-        step_columns += tuple(n for n in ("set_temperature_c", "ramp") if n in table.numbers)
+        visits = _visit_columns(table, unit_columns)
+        step_columns += tuple(n for n in ("set_temperature_c", "ramp") if n in table.numbers) + visits
     device = table.group(*(n for n in unit_columns if n.startswith(DEVICE_WORDS)))
     step = _dense(device, table.group(*step_columns)) if step_columns else unit
-    name = "temperature steps"
+    name = f"levels of {visits[0]}" if visits else "temperature steps"
+    repeated = None
     angle = _dense(unit, table.codes_of("stage_angle_deg")) if _few(table, "stage_angle_deg") else None
     if not step_columns:
         swept = swept_column(table)
         if swept:
-            step = _dense(unit, _blocks_along(table.numbers[swept], unit))
+            step = _dense(device, _blocks_along(table.numbers[swept]))
             name = f"blocks of neighbouring {swept}"
-    frame = _dense(step, angle) if angle is not None else None
+            repeated = _dense(step, table.codes_of(swept))  # rows that are equal to the last digit
+    frame = _dense(step, angle) if angle is not None else repeated
     if len(table.image_columns) > len(IMAGE_COLUMNS):
         frame = _dense(step, table.group(*table.image_columns))
     pixel = None
@@ -110,7 +115,8 @@ def swept_column(table: Columns) -> str:
     return best
 
 
-def _unit_columns(table: Columns) -> tuple[str, ...]:
+def unit_columns_of(table: Columns) -> tuple[str, ...]:
+    """Columns that tell apart what is calibrated as one."""
     if "dut" in table.categories:
         return ("dut",)
     found = [n for n in sorted(table.categories) if n not in {"surface", "mixed"} and any(w in n for w in UNIT_WORDS)]
@@ -124,6 +130,21 @@ def _unit_columns(table: Columns) -> tuple[str, ...]:
         if len(values) and np.all(values == np.round(values)) and 1 < len(np.unique(values)) <= 64:
             found.append(name)
     return tuple(found)
+
+
+def _visit_columns(table: Columns, unit_columns: tuple[str, ...]) -> tuple[str, ...]:
+    """The column that numbers stops, read-outs or the like, the one with most levels; none where none does."""
+    best: tuple[str, ...] = ()
+    most = 2
+    for name in sorted({*table.numbers, *table.categories} - set(unit_columns)):
+        if not counts_visits(name):
+            continue
+        if name in table.numbers and not np.array_equal(table.numbers[name], np.round(table.numbers[name])):
+            continue  # a NaN is no number of a stop
+        levels = int(table.group(name).max()) + 1
+        if most < levels <= table.n // 3:
+            best, most = (name,), levels
+    return best
 
 
 def _few(table: Columns, name: str) -> bool:
@@ -147,8 +168,8 @@ def _if_repeated(code: IntArray | None, n: int) -> IntArray | None:
     return code
 
 
-def _blocks_along(values: FloatArray, unit: IntArray) -> IntArray:
-    """Blocks of neighbouring values, equally filled, the same cuts for all units."""
+def _blocks_along(values: FloatArray) -> IntArray:
+    """Blocks of neighbouring values, equally filled."""
     ranked = np.nan_to_num(values, nan=float(np.nanmedian(values)))
     distinct = len(np.unique(ranked))
     pieces = int(min(BLOCKS_WITHOUT_STEPS, max(distinct // 2, 2)))

@@ -32,13 +32,14 @@ class Axis:
 
     Attributes:
         column: feature name (see `features_of`).
-        kind: `linear`, `square`, `above`, `below` (hinges), `step`, `exp`, `inverse`, `log`, `sin`, `cos`, `parity`,
-            `is` (a category), `table` (one value per bin), `curve` (straight lines between knots), `one`.
+        kind: `linear`, `square`, `above`, `below` (hinges), `step`, `band` (1 between two edges, else 0), `exp`,
+            `inverse`, `log`, `sin`, `cos`, `parity`, `is` (a category), `table` (one value per bin), `curve`
+            (straight lines between knots), `one`.
         middle, width: the ratio is (x − middle) / width.
         at: knot or period in the column's unit, or number of a category.
         label: category label of `is`.
         edges, values: bins of `table`, or knots of `curve`, and their coefficients; without values the axis is open:
-            it stands for all functions of its kind.
+            it stands for all functions of its kind. The two edges of a `band`.
     """
 
     column: str
@@ -83,6 +84,7 @@ class Axis:
             "above": f"max({c} - {a}, 0)/{w}", "below": f"max({a} - {c}, 0)/{w}", "step": f"[{c} > {a}]",
             "exp": f"exp(3*({c} - {m})/{w})", "inverse": f"{m}/{c}", "log": f"ln({c}/{m})",
             "sin": f"sin(2*pi*{c}/{a})", "cos": f"cos(2*pi*{c}/{a})", "parity": f"(-1)^{c}",
+            "band": "[" + f" < {c} < ".join(f"{x:.5g}" for x in self.edges) + "]",
             "is": f"[{c} = {self.label}]", "curve": f"curve({c})",
             "table": f"table({c}{f' mod {a}' if self.at else ''})",
         }[self.kind]  # fmt: skip
@@ -175,6 +177,8 @@ def _function(kind: str, x: FloatArray, axis: Axis) -> FloatArray:
             return np.asarray(np.maximum(axis.at - x, 0.0) / axis.width)
         case "step":
             return (x > axis.at).astype(np.float64)
+        case "band":
+            return ((x > axis.edges[0]) & (x < axis.edges[1])).astype(np.float64)
         case "exp":
             return np.asarray(np.exp(np.clip(3.0 * ratio, -20.0, 20.0)))
         case "inverse":

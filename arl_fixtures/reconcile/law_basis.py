@@ -15,7 +15,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.law import Axis, Features
-from arl_fixtures.reconcile.roles import unit_of
+from arl_fixtures.reconcile.roles import counts_visits, unit_of
 
 KNOTS, MAP_KNOTS = 12, 6
 FINE_KNOTS = 24
@@ -211,6 +211,8 @@ def price_of(columns: tuple[str, ...]) -> float:
 def _price_of(column: str) -> float:
     if column in UNLIKELY:
         return UNLIKELY[column]
+    if counts_visits(column):
+        return UNLIKELY["step"]
     if column.startswith("~"):
         return FAR_FETCHED
     return OPERATING if unit_of(column) in {"V", "A", "us"} and not column.startswith("sim_") else 0.0

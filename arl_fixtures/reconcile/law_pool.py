@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.law import Axis, axes_of
+from arl_fixtures.reconcile.law_bands import bands_of
 from arl_fixtures.reconcile.law_basis import (
     FINE,
     FINE_KNOTS,
@@ -32,9 +34,18 @@ from arl_fixtures.reconcile.roles import Role
 
 MOST_LEADING = 7
 SHARED_PRICE, PRICE_PAIR_WAVE = 3.0, 7.0
+IMAGE, ORDERS = ("pixel_u", "pixel_v"), ("step", "time_s", "cycle", "stage_angle_deg")
+"""Columns over which a pattern stands in the image, and over which it may move."""
+MOST_MARKS, MOST_REFINED = 20, 10
+PRICE_MARK, PRICE_ZERO = 2.0, 2.0
+"""Further price of a term that holds in one category only, and of saying where one of its factors is zero."""
+UNSHIFTED = frozenset({"is", "step", "band", "above", "below", "parity", "one"})
+"""Functions whose zero means something."""
 _CELLS = 100_000
-FAR_APART = 0.9
-"""Share of the gaps between a column's levels of which half a wave must be longer."""
+FAR_APART, FAR_BESIDE = 0.9, 0.25
+"""Share of the gaps between a column's levels of which half a wave must be longer; of one over two columns."""
+MOST_TURNS = 16.0
+"""Turns of a wave over the span of each of two columns."""
 ALIKE = 0.98
 """Correlation from which two columns are one for the search of pairs."""
 
@@ -87,7 +98,12 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> list[Candidat
             axes = (*item.basis.axes, signal)
             pool.append(work.candidate(Basis(axes=axes, prior=item.basis.prior, price=item.basis.price + 1.0)))
     pool += [work.candidate(b) for b in _pairs(work, looker, names, simple)]
-    return pool
+    pool += [work.candidate(b) for b in _moving(work, names)]
+    lines = [m.basis.axes[0] for n in names for m in simple.get(n, []) if m.basis.axes[0].kind == "linear"]
+    numbered = looker.problem.groups.unit_columns
+    numeric = [n for n in ranking if not (n in numbered or (not n.startswith(("~", "sim_")) and view.is_category(n)))]
+    pool += [work.candidate(b) for b in bands_of(work, numeric, lines)]
+    return pool + [work.candidate(b) for b in _refined(work, looker, pool)]
 
 
 def recurs(work: Work, axis: Axis, factor: Axis | None = None) -> bool:
@@ -168,6 +184,76 @@ def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, l
                     yield Basis(waves=waves_of(first, turns[0], second, turns[1]), price=price + PRICE_PAIR_WAVE)
 
 
+def _moving(work: Work, names: Sequence[str]) -> Iterator[Basis]:
+    """Waves over the image that move from step to step or pose to pose, over which alone nothing is seen."""
+    for place in (n for n in IMAGE if n in work.features):
+        for order in (n for n in ORDERS if n in work.features):
+            if place in names and order in names:
+                continue
+            turns = _best_pair_wave(work, place, order)
+            if turns is not None:
+                price = price_of((place, order)) + PRICE_ONE + PRICE_PRODUCT + PRICE_PAIR_WAVE
+                yield Basis(waves=waves_of(place, turns[0], order, turns[1]), price=price)
+
+
+def is_mark(factor: Axis, work: Work) -> bool:
+    """Whether a function says where a term holds, and no more."""
+    values = work.features[factor.column]
+    return factor.kind == "is" or len(np.unique(values[np.isfinite(values)])) <= 2
+
+
+def marks_of(looker: Looker) -> list[Axis]:
+    """Functions that are 0 but in one category, or at one of the two levels of a column."""
+    view = looker.problem.view
+    marks: list[Axis] = []
+    for name, values in looker.features.items():
+        if name.startswith(("~", "sim_")):
+            continue
+        if view.is_category(name):
+            marks += axes_of(name, values, view.labels(name))
+            continue
+        levels = np.unique(values[np.isfinite(values)])
+        if len(levels) == 2:
+            width = float(levels[1] - levels[0])
+            marks += [Axis(column=name, kind="linear", middle=float(x), width=width) for x in levels]
+    return marks[:MOST_MARKS]
+
+
+def _refined(work: Work, looker: Looker, pool: Sequence[Candidate]) -> Iterator[Basis]:
+    """The best candidates in one category, or at one of two levels, and with a free zero of their lines.
+
+    Each may do so much more than without that it comes first only so.
+    """
+    marks = marks_of(looker)
+    for item in pool:
+        item.gain = evidence(item.gram, item.vectors @ work.residual, item.basis.prior)[0] - item.basis.price
+    kinds: set[tuple[str, ...]] = set()
+    for item in sorted(pool, key=lambda item: -item.gain):
+        basis = item.basis
+        kind = (*sorted(basis.columns), "wave" if basis.waves else "open" if basis.prior is not None else "")
+        if not basis.columns or kind in kinds or len(item.vectors) > KNOTS:
+            continue
+        kinds.add(kind)
+        yield from _zeroed(basis)
+        if not any(is_mark(axis, work) for axis in basis.axes):
+            for mark in marks:
+                if mark.column not in basis.columns:
+                    waves = tuple((*product, mark) for product in basis.waves)
+                    axes = basis.axes if waves else (*basis.axes, mark)
+                    yield replace(basis, axes=axes, waves=waves, price=basis.price + PRICE_MARK)
+        if len(kinds) == MOST_REFINED:
+            return
+
+
+def _zeroed(basis: Basis) -> Iterator[Basis]:
+    """A product with a line, whose zero the data place: without it, that is the middle of the rows."""
+    if basis.prior is not None or basis.waves or len(basis.axes) != 2:
+        return
+    for one, other in (basis.axes, basis.axes[::-1]):
+        if one.kind == "linear":
+            yield Basis(waves=((other, one), (other,)), price=basis.price + PRICE_ZERO)
+
+
 def _varied(ranked: Sequence[Candidate], most: int = 4) -> list[Candidate]:
     """Strongest functions of a column, one of a kind, the line always among them."""
     kinds: set[str] = set()
@@ -190,17 +276,17 @@ def _best_wave(work: Work, name: str) -> float | None:
     span = float(levels[-1] - levels[0])
     most = min(len(levels) / 3.0, 24.0, _most_turns(levels))
     frequencies: FloatArray = np.arange(0.5, most, 0.125, dtype=np.float64) / span
-    direction = (work.scale * work.data.root_weight[work.pick])[good]
+    direction = work.direction[good]
     score: FloatArray = np.bincount(code, direction * work.residual[good]).astype(np.float64)
     weight: FloatArray = np.bincount(code, direction**2).astype(np.float64)
     return float(frequencies[_strongest(levels, score, weight, frequencies)])
 
 
-def _most_turns(levels: FloatArray) -> float:
+def _most_turns(levels: FloatArray, apart: float = FAR_APART) -> float:
     """Turns over a column up to which its levels lie close enough together; whole numbers are all there are."""
     if bool(np.all(levels == np.round(levels))):
         return np.inf
-    gap = float(np.quantile(np.diff(levels), FAR_APART))
+    gap = float(np.quantile(np.diff(levels), apart))
     return 0.5 * float(levels[-1] - levels[0]) / gap
 
 
@@ -238,12 +324,12 @@ def _best_pair_wave(work: Work, first: str, second: str) -> tuple[float, float] 
         else:
             cells.append((levels, np.searchsorted(levels, values)))
     (a, code_a), (b, code_b) = cells
-    direction = (work.scale * work.data.root_weight[work.pick])[good]
+    direction = work.direction[good]
     flat = code_a * len(b) + code_b
     score = np.bincount(flat, direction * work.residual[good], minlength=len(a) * len(b)).reshape(len(a), len(b))
     span_a, span_b = float(a[-1] - a[0]), float(b[-1] - b[0])
-    turns_a = np.arange(0.0, min(len(a) / 3.0, 8.0, _most_turns(a)), 0.125) / span_a
-    high = min(len(b) / 2.0, 16.0, _most_turns(b))
+    turns_a = np.arange(0.0, min(len(a) / 3.0, MOST_TURNS, _most_turns(a, FAR_BESIDE)), 0.125) / span_a
+    high = min(MOST_TURNS, _most_turns(b, FAR_BESIDE))
     turns_b = np.arange(-high, high, 0.125) / span_b
     power = np.abs(np.exp(2j * np.pi * np.outer(turns_a, a)) @ score @ np.exp(2j * np.pi * np.outer(b, turns_b))) ** 2
     power[turns_a * span_a < 0.3, :] = 0.0

@@ -14,23 +14,33 @@ from dataclasses import replace
 import numpy as np
 
 from arl_fixtures.reconcile.boosting import Binned, Boosted, bin_columns
+from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.grouping import WITHIN_IMAGES
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm, axes_of
 from arl_fixtures.reconcile.law_basis import UNLIKELY, Basis, is_proxy
 from arl_fixtures.reconcile.law_fit import Chosen, confirm, holds_between, joint, weighed
-from arl_fixtures.reconcile.law_pool import distinct, pool_of, recurs
+from arl_fixtures.reconcile.law_pool import (
+    PRICE_MARK,
+    PRICE_ZERO,
+    UNSHIFTED,
+    distinct,
+    is_mark,
+    marks_of,
+    pool_of,
+    recurs,
+)
 from arl_fixtures.reconcile.law_shape import sharpened
-from arl_fixtures.reconcile.law_work import MOST_ROWS, Candidate, Work, evidence
+from arl_fixtures.reconcile.law_work import ALL_ROWS, MOST_ROWS, Candidate, Work, evidence
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.roles import Role
 
 MOST_TERMS = 5
 MOST_PASSES = 3
-MOST_MARKS, MOST_FACTORED, MOST_OFFERS = 20, 4, 6
-PRICE_MARK, PRICE_FACTOR = 2.0, 4.0
-"""Further price of a term that holds in one category only, or that one more column multiplies."""
+MOST_FACTORED, MOST_OFFERS = 4, 6
+PRICE_FACTOR = 4.0
+"""Further price of a term that one more column multiplies."""
 STEP_SHARES = (0.3, 0.1)
 """Shares of the steps' scatter from which the search starts anew."""
 START_GAIN = 3.0
@@ -39,6 +49,8 @@ CLOSE, CLOSE_SHARE = 2.0, 0.03
 """Of candidates that differ by less (log-likelihood, or share of the best) the simplest is taken."""
 LEAST_GAIN, FURTHER_GAIN, FURTHER_SHARE = 1.0, 4.0, 0.01
 """Log-likelihood that the first term and further ones must gain on unseen blocks, and its share of what is gained."""
+MOST_JUDGED = 16
+"""Candidates of a round that are judged on all rows: those that rank first on a part of them."""
 MOST_FAILED = 3
 """Times that the best candidates of all may fail on unseen blocks before a search ends."""
 FURTHER_EVIDENCE = 3.0
@@ -61,41 +73,75 @@ def is_law(chosen: Chosen) -> bool:
     return sure or likely or (chosen.likelier > 2.0 * LAW_LIKELIER and chosen.z > LAW_FEW_Z)
 
 
-def find_terms(work: Work, pool: Sequence[Candidate]) -> Chosen:
-    """Forward selection from a pool; the joint fit and what unseen blocks say of it."""
-    chosen = Chosen(left=work.residual)
-    tried: set[int] = set()
+def find_terms(work: Work, pool: Sequence[Candidate], whole: Work | None = None) -> Chosen:
+    """Forward selection from a pool; the joint fit and what unseen blocks say of it.
+
+    Args:
+        work: the rows of the pool's vectors, on which its candidates are ranked.
+        pool: candidates.
+        whole: the rows on which they are judged and fitted, if these are more.
+    """
+    whole = whole or work
+    chosen, left = Chosen(left=whole.residual), work.residual
+    judged = _Judged(work, whole, pool)
+    ranked: list[int] = []
     failed = 0
     while len(chosen.terms) < MOST_TERMS:
-        offers: list[tuple[float, int]] = []
-        for k, item in enumerate(pool):
-            if k in tried:
-                continue
-            gain, width = evidence(item.gram, item.vectors @ chosen.left, item.basis.prior)
-            item.gain, item.width = gain - item.basis.price, width
-            if item.gain > (FURTHER_EVIDENCE if chosen.terms else 0.0):
-                offers.append((item.gain, k))
+        least = FURTHER_EVIDENCE if chosen.terms else 0.0
+        offers = judged.offers(left, chosen.left, least)
         if not offers:
             break
         best = max(offers)[0]
         near = [k for gain, k in offers if gain > best - max(CLOSE, CLOSE_SHARE * best)]
         accepted, between = None, False
-        for k in sorted(near, key=lambda k: (_complexity(pool[k].basis), -pool[k].gain))[:4]:
-            tried.add(k)
-            trial = joint(work, [*chosen.terms, pool[k]])
+        for k in sorted(near, key=lambda k: (_complexity(pool[k].basis), -judged.items[k].gain))[:4]:
+            judged.tried.add(k)
+            trial = joint(whole, [*chosen.terms, judged.items[k]])
             further = max(FURTHER_GAIN, FURTHER_SHARE * chosen.held) if chosen.terms else LEAST_GAIN
             if trial.held > chosen.held + further:
-                if holds_between(work, chosen, trial):
+                if holds_between(whole, chosen, trial):
                     accepted = trial
+                    ranked.append(k)
                     break
                 between = True
         if accepted is not None:
             chosen, failed = accepted, 0
+            left = work.residual - sum(v @ pool[k].vectors for v, k in zip(chosen.values, ranked, strict=True))
         elif between or failed < MOST_FAILED:
             failed += not between  # what fits best but foretells nothing gives way to the next best
         else:
             break
     return chosen
+
+
+class _Judged:
+    """Candidates ranked on a part of the rows, the best of them judged on all."""
+
+    def __init__(self, work: Work, whole: Work, pool: Sequence[Candidate]) -> None:
+        self.whole, self.pool, self.alike = whole, pool, whole is work
+        self.ratio = len(whole.pick) / len(work.pick)
+        self.items: dict[int, Candidate] = dict(enumerate(pool)) if self.alike else {}
+        self.tried: set[int] = set()
+
+    def offers(self, part: FloatArray, left: FloatArray, least: float) -> list[tuple[float, int]]:
+        """Gains above the least, and whose; `part` and `left` are the whitened rests on the two sets of rows."""
+        offers: list[tuple[float, int]] = []
+        for k, item in enumerate(self.pool):
+            if k not in self.tried:
+                gain, width = evidence(item.gram, item.vectors @ part, item.basis.prior)
+                item.gain, item.width = self.ratio * gain - item.basis.price, width
+                offers.append((item.gain, k))
+        if not self.alike:
+            first = [k for _, k in sorted(offers, reverse=True)[:MOST_JUDGED]]
+            offers = []
+            for k in first:
+                if k not in self.items:
+                    self.items[k] = self.whole.candidate(self.pool[k].basis)
+                item = self.items[k]
+                gain, item.width = evidence(item.gram, item.vectors @ left, item.basis.prior)
+                item.gain = gain - item.basis.price
+                offers.append((item.gain, k))
+        return [offer for offer in offers if offer[0] > least]
 
 
 def _complexity(basis: Basis) -> int:
@@ -155,9 +201,11 @@ def _from_start(
 ) -> tuple[Law, Chosen]:  # fmt: skip
     law, chosen = law_of(Chosen(), data), Chosen()
     for _ in range(MOST_PASSES):
-        work = Work(data, state, looker.features, tau)
-        found = narrowed(work, find_terms(work, pool_of(work, looker, leading)), _factors(work, looker, leading))
-        found = sharpened(work, found)
+        work = whole = Work(data, state, looker.features, tau)
+        if len(data.use) > MOST_ROWS:
+            whole = Work(data, state, looker.features, tau, ALL_ROWS)
+        found = find_terms(work, pool_of(work, looker, leading), whole)
+        found = completed(whole, sharpened(whole, narrowed(whole, found, _factors(work, looker, leading))))
         if found.held < 1.05 * chosen.held or not found.terms:
             break
         law, chosen = law_of(found, data), found
@@ -165,7 +213,7 @@ def _from_start(
         _, tau = data.fit_scatter(data.measured - data.expect * corrected[data.use])
     if not chosen.terms:
         return law, chosen
-    work = Work(data, state, looker.features, tau)
+    work = Work(data, state, looker.features, tau, ALL_ROWS)
     final = confirm(work, [t.basis for t in chosen.terms])
     return law_of(final, data), final
 
@@ -180,14 +228,14 @@ def narrowed(work: Work, chosen: Chosen, factors: Sequence[Axis]) -> Chosen:
         left = joint(work, [t for k, t in enumerate(chosen.terms) if k != place]).left
         offers: list[Candidate] = []
         for factor in factors:
-            is_mark = _is_mark(factor, work)
-            if factor.column in basis.columns or not (is_mark or len(chosen.values[place]) <= MOST_FACTORED):
+            mark = is_mark(factor, work)
+            if factor.column in basis.columns or not (mark or len(chosen.values[place]) <= MOST_FACTORED):
                 continue
             if not all(recurs(work, axis, factor) for axis in basis.axes if axis.kind == "table" and axis.is_open):
                 continue
             waves = tuple((*product, factor) for product in basis.waves)
             axes = basis.axes if waves else (*basis.axes, factor)
-            price = basis.price + (PRICE_MARK if is_mark else PRICE_FACTOR)
+            price = basis.price + (PRICE_MARK if mark else PRICE_FACTOR)
             offers.append(weighed(work, replace(basis, axes=axes, waves=waves, price=price), left))
         for item in sorted(offers, key=lambda item: -item.gain)[:MOST_OFFERS]:
             trial = joint(work, [*chosen.terms[:place], item, *chosen.terms[place + 1 :]])
@@ -197,38 +245,33 @@ def narrowed(work: Work, chosen: Chosen, factors: Sequence[Axis]) -> Chosen:
     return chosen
 
 
-def _is_mark(factor: Axis, work: Work) -> bool:
-    values = work.features[factor.column]
-    return factor.kind == "is" or len(np.unique(values[np.isfinite(values)])) <= 2
+def completed(work: Work, chosen: Chosen) -> Chosen:
+    """Each product also without one of its factors: the zero of a factor need not lie in the middle of the rows."""
+    for term in list(chosen.terms):
+        for number, axis in enumerate(term.basis.axes):
+            if len(term.basis.axes) < 2 or axis.is_open or axis.kind in UNSHIFTED:
+                continue
+            axes = (*term.basis.axes[:number], *term.basis.axes[number + 1 :])
+            basis = replace(term.basis, axes=axes, price=PRICE_ZERO)
+            if any(t.basis.axes == axes for t in chosen.terms):
+                continue
+            item = weighed(work, basis, chosen.left)
+            trial = joint(work, [*chosen.terms, item]) if item.gain > 0.0 else chosen
+            if trial.held > chosen.held + LEAST_GAIN:
+                chosen = trial
+    return chosen
 
 
 def _factors(work: Work, looker: Looker, leading: Sequence[str]) -> list[Axis]:
     """Marks of categories, lines and hinges of the columns that tell something of their own."""
     view = looker.problem.view
     numeric = [n for n in work.features if not n.startswith(("~", "sim_")) and not view.is_category(n)]
-    factors = _marks(looker)
+    factors = marks_of(looker)
     for name in distinct(work, [*(n for n in leading if n in numeric), *numeric]):
         values = work.features[name]
         if len(np.unique(values[np.isfinite(values)])) > 2:
             factors += [a for a in axes_of(name, values, ()) if a.kind in {"linear", "above", "below"}]
     return factors
-
-
-def _marks(looker: Looker) -> list[Axis]:
-    """Functions that are 0 but in one category, or at one of the two levels of a column."""
-    view = looker.problem.view
-    marks: list[Axis] = []
-    for name, values in looker.features.items():
-        if name.startswith(("~", "sim_")):
-            continue
-        if view.is_category(name):
-            marks += axes_of(name, values, view.labels(name))
-            continue
-        levels = np.unique(values[np.isfinite(values)])
-        if len(levels) == 2:
-            width = float(levels[1] - levels[0])
-            marks += [Axis(column=name, kind="linear", middle=float(x), width=width) for x in levels]
-    return marks[:MOST_MARKS]
 
 
 def law_of(chosen: Chosen, data: ChannelData) -> Law:
@@ -246,7 +289,7 @@ def law_of(chosen: Chosen, data: ChannelData) -> Law:
             terms.append(LawTerm(axes=axes, value=value, error=float(errors[0]) if single else min(share, 10.0)))
         drivers += [c for c in _ordered(item.basis) if c not in drivers]
     relative = data.channel.role in {Role.INTENSITY, Role.SCATTER}
-    ratio = max(len(data.use) / MOST_ROWS, 1.0)
+    ratio = max(len(data.use) / ALL_ROWS, 1.0)
     return Law(
         channel=data.channel.name, relative=relative, terms=terms, drivers=drivers, law_gain=chosen.held * ratio,
         gain=chosen.held * ratio, confirmed=float(np.clip(chosen.held / max(chosen.inside, 1e-9), 0.0, 1.0)),

@@ -15,7 +15,8 @@ from arl_fixtures.reconcile.noise import Whitener
 from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.roles import Role
 
-MOST_ROWS = 6_000
+MOST_ROWS, ALL_ROWS = 6_000, 20_000
+"""Rows on which candidates are ranked, and on which the best of them are judged and fitted."""
 LEAST_LEVELS, MOST_LEVELS, LEVEL_FOLDS = 5, 48, 4
 """Levels of a column from which, and into at most how many, it is parted; folds of them."""
 LEAST_SEEN = 1e-3
@@ -40,13 +41,16 @@ class Work:
         data: the channel; state: corrected simulation that its residual is taken from.
         features: columns on the view's rows.
         tau: scatters that groups share.
+        most: rows at work, drawn where there are more.
     """
 
-    def __init__(self, data: ChannelData, state: State, features: Features, tau: dict[str, float]) -> None:
+    def __init__(
+        self, data: ChannelData, state: State, features: Features, tau: dict[str, float], most: int = MOST_ROWS
+    ) -> None:
         n = len(data.use)
         pick = np.arange(n)
-        if n > MOST_ROWS:  # not every k-th: a stride would alias with the image's rows
-            pick = np.sort(np.random.default_rng(n).choice(n, size=MOST_ROWS, replace=False))
+        if n > most:  # not every k-th: a stride would alias with the image's rows
+            pick = np.sort(np.random.default_rng(n).choice(n, size=most, replace=False))
         self.data, self.pick = data, pick
         self.features: Features = {name: values[data.use[pick]] for name, values in features.items()}
         levels = tuple(level.part(pick) for level in data.levels)
@@ -57,6 +61,7 @@ class Work:
         relative = data.channel.role in {Role.INTENSITY, Role.SCATTER}
         sim = state[data.channel.name][data.use[pick]]
         self.scale = data.expect[pick] * (sim if relative else np.ones(len(pick)))
+        self.direction = self.scale * self._root_weight
         self._constant = self._whitener(data.scale[pick]) if data.calibrated else np.zeros(0)
         self._power = np.maximum(np.bincount(self.unit, self._constant**2), 1e-300) if data.calibrated else None
         self.residual = self.whiten(data.residual(state)[pick])

@@ -28,7 +28,7 @@ def robust_gain(problem: Problem, found: Fit, first: int, gain: float) -> float:
         return gain
     others = forward(found.terms[:first], problem.view)
     change, residual = problem.whiten_change(others, found.state), found.residual
-    if any(term.variant.rough for term in found.terms):
+    if any(term.variant.rough or term.effect.displaces for term in found.terms):
         # rays that cross an edge a digit too early are no error that rows share
         held = np.minimum(1.0, MOST_LEFT / np.maximum(np.abs(residual), MOST_LEFT))
         change, residual = change * held, residual * held

@@ -8,16 +8,22 @@ from enum import Enum
 UNIT_SUFFIXES = {
     "counts": "counts", "m": "m", "mm": "mm", "um": "um", "nm": "nm", "deg": "deg", "rad": "rad", "c": "°C", "k": "K",
     "s": "s", "ms": "ms", "us": "us", "ns": "ns", "ps": "ps", "h": "h", "v": "V", "mv": "mV", "a": "A", "ma": "mA",
-    "w": "W", "mw": "mW", "j": "J", "mj": "mJ", "hz": "Hz", "khz": "kHz", "mhz": "MHz", "ghz": "GHz", "pa": "Pa",
-    "hpa": "hPa", "bar": "bar", "pct": "%", "percent": "%", "px": "px", "cps": "1/s", "kcps": "1/s", "mcps": "1/s",
-    "lux": "lx", "ohm": "Ohm", "g": "g", "kg": "kg", "n": "N", "rpm": "1/min", "db": "dB", "dbm": "dBm",
+    "ua": "uA", "w": "W", "mw": "mW", "uw": "uW", "j": "J", "mj": "mJ", "hz": "Hz", "khz": "kHz", "mhz": "MHz",
+    "ghz": "GHz", "pa": "Pa", "hpa": "hPa", "bar": "bar", "pct": "%", "percent": "%", "px": "px", "cps": "1/s",
+    "kcps": "1/s", "mcps": "1/s", "lux": "lx", "ohm": "Ohm", "g": "g", "kg": "kg", "n": "N", "rpm": "1/min",
+    "db": "dB", "dbm": "dBm",
 }  # fmt: skip
 """Suffix after the last underscore to the unit it stands for."""
 
 _NO_UNIT = frozenset({"pixel_u", "pixel_v"})
 """Numbers of a column and a row: their last letter is no unit."""
-_SIGNAL_WORDS = ("intensity", "signal", "photodiode", "amplitude", "power", "optical", "radiance", "light")
-_SIGNAL_UNITS = {"counts", "cps", "kcps", "mcps", "w", "mw", "lux"}
+_SIGNAL_WORDS = ("intensity", "signal", "photo", "amplitude", "power", "optical", "radiance", "light")
+_SIGNAL_UNITS = {"counts", "cps", "kcps", "mcps", "w", "mw", "uw", "lux"}
+_READ_IN = {"", "a", "ma", "ua", "v", "mv"}
+_VISIT_WORDS = (
+    "step", "stop", "readout", "read_out", "visit", "position", "placement", "station", "pose", "point", "setting",
+    "session", "record", "measurement", "soak", "dwell", "burst", "batch", "interval", "sequence",
+)  # fmt: skip
 
 PIXEL_COLUMNS = frozenset({"pixel_u", "pixel_v", "azimuth_deg", "elevation_deg"})
 """Where a pixel is in the image, or looks."""
@@ -62,7 +68,7 @@ def role_of(name: str, channels: frozenset[str] | set[str] = frozenset()) -> Rol
     if name.endswith("_std") and (name.removesuffix("_std") in channels or not channels):
         return Role.SCATTER
     unit = suffix(name)
-    if unit in _SIGNAL_UNITS or (unit in {"", "a", "ma", "v", "mv"} and any(word in name for word in _SIGNAL_WORDS)):
+    if unit in _SIGNAL_UNITS or (unit in _READ_IN and any(word in name for word in _SIGNAL_WORDS)):
         return Role.INTENSITY
     if unit in {"m", "mm"}:
         return Role.DISTANCE
@@ -71,3 +77,13 @@ def role_of(name: str, channels: frozenset[str] | set[str] = frozenset()) -> Rol
     if name == "valid_fraction" or name.endswith("_fraction"):
         return Role.FRACTION
     return Role.OTHER
+
+
+def counts_visits(name: str) -> bool:
+    """Whether a column seems to number what a bench did one after the other: a name without unit.
+
+    >>> counts_visits("distance_stop"), counts_visits("readout"), counts_visits("position_m"), counts_visits("dut")
+    (True, True, False, False)
+    """
+    taken = name.startswith(("sim_", "pixel_", "~")) or bool(suffix(name))
+    return not taken and any(word in name for word in _VISIT_WORDS)

@@ -42,6 +42,10 @@ class Candidate:
     free: int
 
 
+LEAST_GAIN = 4.0
+"""Log-likelihood that any name must gain."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Screening:
     """Candidates, best first, and what chance alone would give.
@@ -61,8 +65,12 @@ class Screening:
         return max(gumbel_quantile(self.wide, level) - self.threshold(level), 0.0) if np.any(self.wide > 0) else 0.0
 
     def threshold(self, level: float) -> float:
-        """Gain that the best candidate exceeds by chance with probability 1 − level (Gumbel tail of the draws)."""
-        return gumbel_quantile(self.chance, level)
+        """Gain that the best candidate exceeds by chance with probability 1 − level (Gumbel tail of the draws).
+
+        It is never less than `LEAST_GAIN`: where few effects can act chance would soon do, but for what errors have
+        in common that nobody stated.
+        """
+        return max(gumbel_quantile(self.chance, level), LEAST_GAIN)
 
     def p_value(self, gain: float) -> float:
         """Probability that chance gives a best gain this large."""

@@ -4,9 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import numpy as np
+
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import amplitude, distances, in_mm
+from arl_fixtures.reconcile.grouping import unit_columns_of
 from arl_fixtures.reconcile.view import View
+
+LEAST_SPAN = 0.02
+"""Share of the distance over which the distances of one unit must spread."""
+
+
+def _spread(view: View, name: str) -> float:
+    """Largest spread of a distance within a unit, as a share of the distance itself."""
+    memo, key = view.columns.memo, ("spread within a unit", name)
+    if key not in memo:
+        unit, values = view.columns.group(*unit_columns_of(view.columns)), view.columns.numbers[name]
+        seen = [v for k in range(int(unit.max()) + 1) if len(v := values[(unit == k) & np.isfinite(values)])]
+        memo[key] = max((float(np.ptp(v)) / max(abs(float(np.median(v))), 1e-12) for v in seen), default=0.0)
+    spread: float = memo[key]
+    return spread
 
 
 class ClockScale(Effect):
@@ -20,13 +37,13 @@ class ClockScale(Effect):
     confusable = ("timing.temperature_offset", "stage.eccentricity", "timing.range_walk")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """One per distance channel that varies."""
+        """One per distance channel with a near and a far: else a scale is an offset, and no offset is so large."""
         for distance in distances(view):
-            if view.varies(f"sim_{distance}"):
+            if _spread(view, f"sim_{distance}") > LEAST_SPAN:
                 yield Variant(
                     effect=self.id,
                     options={"channel": distance},
-                    parameters=(amplitude("scale", "1", -0.3, 0.3, 1e-3),),
+                    parameters=(amplitude("scale", "1", -0.1, 0.1, 1e-3),),
                     channels=(distance,),
                     drivers=(f"sim_{distance}",),
                 )
