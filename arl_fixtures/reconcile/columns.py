@@ -47,6 +47,7 @@ class Columns:
         categories: text, boolean and identifier columns as codes (−1 = null) and sorted labels.
         channels: what can be compared.
         ignored: column to the reason why it is not used.
+        ceilings: channel to the end of its scale, where rows stand at it.
         sweep_gap_deg, frame_gap_s: farther apart, rows are no neighbours in the sweep or in time.
         record: code of the record that each row is from, where one cycle's or step's rows come from several.
         memo: room for what effects compute once per table, under keys of their own.
@@ -57,6 +58,7 @@ class Columns:
     categories: dict[str, tuple[IntArray, tuple[str, ...]]]
     channels: tuple[Channel, ...]
     ignored: dict[str, str] = field(default_factory=dict)
+    ceilings: dict[str, float] = field(default_factory=dict)
     sweep_gap_deg: float = np.inf
     frame_gap_s: float = np.inf
     record: IntArray | None = None

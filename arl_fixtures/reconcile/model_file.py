@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -12,6 +13,7 @@ from ruamel.yaml import YAML
 from arl_fixtures.errors import ConfigError, DataError
 from arl_fixtures.reconcile.boosting import Tree
 from arl_fixtures.reconcile.catalogue import library
+from arl_fixtures.reconcile.ceilings import under_ceiling
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.diagnosis import Diagnosis
 from arl_fixtures.reconcile.effect import Parameter, State, Variant
@@ -96,13 +98,15 @@ class ModelFile(FileModel):
     unknown: list[LawFile] = Field(default_factory=list)
     calibration: dict[str, dict[str, float]] = Field(default_factory=dict)
     relative: list[str] = Field(default_factory=list)
+    ceilings: dict[str, float] = Field(default_factory=dict)
     sweep_gap_deg: float | None = None
     frame_gap_s: float | None = None
 
 
 def model_of(
-    diagnosis: Diagnosis, unit_columns: tuple[str, ...], relative: tuple[str, ...], gaps: tuple[float, float]
-) -> ModelFile:
+    diagnosis: Diagnosis, unit_columns: tuple[str, ...], relative: tuple[str, ...], gaps: tuple[float, float],
+    ceilings: Mapping[str, float] | None = None,
+) -> ModelFile:  # fmt: skip
     """What to write for a diagnosis.
 
     Args:
@@ -110,6 +114,7 @@ def model_of(
         unit_columns: columns whose levels the calibration constants belong to.
         relative: channels whose constant is a gain.
         gaps: how far apart neighbours in the sweep (degrees) and in time (seconds) may lie.
+        ceilings: ends of channels' scales.
     """
     return ModelFile(
         unit_columns=list(unit_columns),
@@ -117,6 +122,7 @@ def model_of(
         unknown=[_law_file(f.law) for f in diagnosis.findings if f.law is not None],
         calibration=diagnosis.constants,
         relative=list(relative),
+        ceilings=dict(ceilings or {}),
         sweep_gap_deg=gaps[0] if np.isfinite(gaps[0]) else None,
         frame_gap_s=gaps[1] if np.isfinite(gaps[1]) else None,
     )
@@ -294,6 +300,9 @@ def corrected_state(model: ModelFile, terms: list[Term], view: View) -> State:
             values = _constants_on_rows(model, constants, view)
             # as it was fitted: a gain of what the effects and laws make of the simulation
             state[channel] = state[channel] * (1.0 + values) if channel in model.relative else state[channel] + values
+    for channel, top in model.ceilings.items():
+        if channel in state and state[channel] is not view.sim[channel]:
+            state[channel] = under_ceiling(state[channel], view.sim[channel], top)
     return state
 
 

@@ -51,7 +51,7 @@ def diagnose(
         d.channel.name for d in found.problem.data if d.channel.role in {Role.INTENSITY, Role.SCATTER}
     )  # fmt: skip
     gaps = (columns.sweep_gap_deg, columns.frame_gap_s)
-    model = model_of(diagnosis, found.problem.groups.unit_columns, relative, gaps)
+    model = model_of(diagnosis, found.problem.groups.unit_columns, relative, gaps, columns.ceilings)
     return diagnosis, model, decision
 
 

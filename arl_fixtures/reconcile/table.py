@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from arl_fixtures.errors import DataError
+from arl_fixtures.reconcile.ceilings import leave_out_ceilings
 from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray, find_channels
 from arl_fixtures.reconcile.parcels import batches_of_parcels, drawn_rows, read_rows
 
@@ -138,9 +139,11 @@ def columns_of(table: pa.Table, *, path: Path | str = "table", for_prediction: b
     if not channels:
         raise DataError(f"{path}: {_why_no_channel(table.column_names, ignored)}")
     _note_empty(numbers, ignored, keep=for_prediction)
+    ceilings: dict[str, float] = {}
     if not for_prediction:
         _drop_repeats(numbers, categories, ignored)
-    return Columns(len(numbers[channels[0].name]), numbers, categories, channels, ignored)
+        ceilings = leave_out_ceilings(numbers, tuple(c.name for c in channels), ignored)
+    return Columns(len(numbers[channels[0].name]), numbers, categories, channels, ignored, ceilings)
 
 
 def _note_empty(numbers: dict[str, FloatArray], ignored: dict[str, str], *, keep: bool) -> None:

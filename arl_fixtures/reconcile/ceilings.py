@@ -1,0 +1,67 @@
+"""Signals at the end of a converter's scale: they say that there was at least so much light, and no more.
+
+A mean over frames feels the end before it reaches it, as soon as single frames do; and a simulation that stops at
+the same end says nothing of what a change of gain makes of such a row. Both are left out of the comparison.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.roles import Role, role_of
+
+FEWEST, LEAST_SHARE = 10, 0.003
+"""Rows, and their share of a channel's, that stand at a ceiling at least."""
+STANDS_OUT = 5.0
+"""How many times the rows just below a ceiling must be fewer than those at it: rounded values pile up everywhere."""
+FRAMES_OFF = 2.0
+"""Scatters of a frame below a ceiling from which frames feel it."""
+
+
+def ceiling_of(values: FloatArray) -> float | None:
+    """End of the scale at which measured values pile up, None where they do not.
+
+    >>> rng = np.random.default_rng(1)
+    >>> ceiling_of(np.minimum(rng.normal(900.0, 100.0, 1000), 1000.0)), ceiling_of(rng.normal(900.0, 100.0, 1000))
+    (1000.0, None)
+    """
+    good = values[np.isfinite(values)]
+    if len(good) < FEWEST:
+        return None
+    levels, count = np.unique(good, return_counts=True)
+    at = int(count[-1])
+    if at < max(FEWEST, LEAST_SHARE * len(good)) or len(levels) < 2 * FEWEST:
+        return None
+    return float(levels[-1]) if at > STANDS_OUT * float(np.max(count[-11:-1])) else None
+
+
+def leave_out_ceilings(
+    numbers: dict[str, FloatArray], channels: tuple[str, ...], ignored: dict[str, str]
+) -> dict[str, float]:
+    """Take rows at the ceiling of a signal as not observed, with a note; the ceilings by channel."""
+    found: dict[str, float] = {}
+    for name in channels:
+        if role_of(name, set(channels)) is not Role.INTENSITY:
+            continue
+        top = ceiling_of(numbers[name])
+        if top is None:
+            continue
+        simulated = numbers[f"sim_{name}"]
+        frame = numbers.get(f"sim_{name}_std", np.zeros(len(simulated)))
+        least = top - FRAMES_OFF * np.nan_to_num(frame)
+        over = (numbers[name] >= least) | (simulated >= least)
+        over &= np.isfinite(numbers[name])
+        for column in (name, f"{name}_std"):
+            if column in numbers:
+                numbers[column] = np.where(over, np.nan, numbers[column])
+        found[name] = top
+        ignored[f"{name} (ceiling)"] = (
+            f"{int(over.sum())} rows stand at the end of the scale, {top:.6g}, or feel it; they are not compared"
+        )
+    return found
+
+
+def under_ceiling(values: FloatArray, simulated: FloatArray, top: float) -> FloatArray:
+    """Corrected values below a ceiling; where the simulation stands at it, so does the prediction."""
+    return np.where(simulated >= top * (1.0 - 1e-9), simulated, np.minimum(values, top))
