@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect
-from arl_fixtures.reconcile.patterns import find_patterns
+from arl_fixtures.reconcile.patterns import Pattern, find_patterns
 from arl_fixtures.reconcile.problem import Problem
-from arl_fixtures.reconcile.terms import forward
+from arl_fixtures.reconcile.terms import Term, forward
 
 LOST = 0.3
 """Share of its value from which what a pattern changes in a row leaves nothing to compare."""
@@ -42,3 +42,20 @@ def bring_back(problem: Problem) -> None:
         if len(d.dark):
             d.dark = np.zeros(0, dtype=bool)
             d.rebuild(d.tau)
+
+
+def dead_first(
+    problem: Problem, effects: Sequence[Effect], terms: Sequence[Term], found: Sequence[Pattern]
+) -> list[Pattern]:
+    """Patterns, dead pixels before a pattern of gains that finds nothing in the pixels that live.
+
+    A gain of −1 says of a dead pixel what its death says, and a little of its noise.
+    """
+    ranked = list(found)
+    if not ranked or ranked[0].term.effect.sparse or not any(p.term.effect.sparse for p in ranked):
+        return ranked
+    if not leave_out_dead(problem, effects):
+        return ranked
+    alive = find_patterns(problem, [e for e in effects if not e.sparse], terms)
+    bring_back(problem)
+    return ranked if alive else sorted(ranked, key=lambda p: not p.term.effect.sparse)

@@ -12,7 +12,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.acceptance import LEAST_SCATTER, MISFIT_SHARE, PRICE
 from arl_fixtures.reconcile.cross_fit import cross_fitted
-from arl_fixtures.reconcile.dead import bring_back
+from arl_fixtures.reconcile.dead import bring_back, dead_first
 from arl_fixtures.reconcile.diagnosis import ChannelFit, Finding
 from arl_fixtures.reconcile.effect import Effect, State
 from arl_fixtures.reconcile.findings import (
@@ -137,7 +137,8 @@ class Decision:
         return state
 
     def _add_patterns(self) -> None:
-        for pattern in find_patterns(self.problem, self.effects, self.best.terms)[:2]:
+        found = find_patterns(self.problem, self.effects, self.best.terms)
+        for pattern in dead_first(self.problem, self.effects, self.best.terms, found)[:2]:
             calibration = is_calibration(self.problem, pattern, self.best.terms)
             shares = [share_beside(self.problem, self.best.terms, t) for t in self.best.terms
                       if set(t.variant.channels) & set(pattern.term.variant.channels)]  # fmt: skip
