@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -21,8 +21,14 @@ from arl_fixtures.reconcile.effects_common import (
     span,
     temperature_drivers,
 )
+from arl_fixtures.reconcile.effects_field import PIXEL, has_field, image_radius, middle_options
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, has_rays
 from arl_fixtures.reconcile.view import View
+
+USUAL_INDEX = 1.9
+"""Effective index of a filter's layers where a table cannot tell it: usual is 1.5 to 2.3."""
+USUAL_REACH = 0.6
+"""Tangent of the field angle in the image's corner where no rays are known: a tilt takes up what it is wrong by."""
 
 
 class FilterShift(LightFactor):
@@ -48,6 +54,8 @@ class FilterShift(LightFactor):
         With the best temperature also as what a simulation lacks that has the passband but not its drift.
         """
         columns = temperature_drivers(view, "laser_temperature_c", "housing_temperature_c", limit=2)
+        if not has_rays(view) and has_field(view):
+            yield from self._by_pixels(view, columns[:1])
         if not (has_rays(view) or "laser_temperature_c" in columns):
             return
         reach = _reach(view) if has_rays(view) else 1.0
@@ -91,13 +99,39 @@ class FilterShift(LightFactor):
                     drivers=(column, *rays) if simulated else (*rays[:1], *((column,) if column else ()), *rays[1:]),
                 )
 
+    def _by_pixels(self, view: View, columns: Sequence[str]) -> Iterable[Variant]:
+        """The same where no rays are known: with the angle alone, and with a temperature."""
+        for channel in signals(view):
+            for column in ("", *columns):
+                drift = (shape("line_drift", "1/K", -6e-4, 6e-4, 2.7e-4, 2e-5),) if column else ()
+                yield Variant(
+                    effect=self.id,
+                    options={
+                        "channel": channel, "temperature": column, "reach": USUAL_REACH,
+                        "reference": reference(view, column) if column else 0.0, **middle_options(view),
+                    },
+                    parameters=(
+                        amplitude("tilt", "half-widths", 0.0, 200.0, 5.0),
+                        *drift,
+                        shape("offset", "half-widths", -1.5, 1.5, 0.0, -0.6),
+                        shape("cavities", "1", 0.7, 5.0, 2.0),
+                    ),
+                    channels=light_channels(view, channel),
+                    drivers=(*PIXEL, *((column,) if column else ())),
+                )  # fmt: skip
+
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Transmission against that on the axis at the reference temperature."""
         offset, power = float(values["offset"]), 2.0 * float(values["cavities"])
         place = np.full(view.n, offset)
         if "tilt" in values:
-            square = per_view(view, "field sine square", lambda: _sine_square(view))
-            place = place + float(values["tilt"]) * (1.0 - np.sqrt(1.0 - square / float(values["index"]) ** 2))
+            if "reach" in variant.options:
+                tangent = float(variant.options["reach"]) * image_radius(variant, view)
+                square = tangent**2 / (1.0 + tangent**2)
+            else:
+                square = per_view(view, "field sine square", lambda: _sine_square(view))
+            index = float(values.get("index", USUAL_INDEX))
+            place = place + float(values["tilt"]) * (1.0 - np.sqrt(1.0 - square / index**2))
         known = place if variant.options.get("simulated") else np.full(view.n, offset)
         column = str(variant.options["temperature"])
         if column:
@@ -112,7 +146,12 @@ class FilterShift(LightFactor):
         """The law."""
         channel, column = variant.options["channel"], variant.options["temperature"]
         terms = "offset"
-        if any(parameter.name == "tilt" for parameter in variant.parameters):
+        if "reach" in variant.options:
+            terms += (
+                f" + tilt * (1 - sqrt(1 - sin(field angle)^2 / {USUAL_INDEX:g}^2)), tan(field angle) = "
+                f"{variant.options['reach']:g} * distance from the middle / the corner's"
+            )
+        elif any(parameter.name == "tilt" for parameter in variant.parameters):
             terms += " + tilt * (1 - sqrt(1 - sin(field angle)^2 / index^2))"
         angle = terms
         if column:
@@ -150,9 +189,9 @@ def _sine_square(view: View) -> FloatArray:
 
 
 def _reach(view: View) -> float:
-    """s of the outermost ray of the table, for an index of 1.9."""
+    """s of the outermost ray of the table, for the usual index."""
     square = np.sin(np.radians(max(max(map(abs, view.span(name))) for name in _RAYS if view.has(name)))) ** 2
-    return float(np.clip(1.0 - np.sqrt(1.0 - square / 1.9**2), 2e-3, 0.15))
+    return float(np.clip(1.0 - np.sqrt(1.0 - square / USUAL_INDEX**2), 2e-3, 0.15))
 
 
 _RAYS = ("azimuth_deg", "elevation_deg")

@@ -13,11 +13,10 @@ from arl_fixtures.reconcile.effects_common import (
     amplitude,
     light_channels,
     per_view,
-    rounded,
     shape,
     signals,
-    span,
 )
+from arl_fixtures.reconcile.effects_field import PIXEL, has_field, image_radius, middle_options
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, has_rays
 from arl_fixtures.reconcile.view import View
 
@@ -37,7 +36,7 @@ class Vignetting(LightFactor):
     def variants(self, view: View) -> Iterable[Variant]:
         """Natural and mechanical, one pair per intensity channel; natural by pixels where no rays are known."""
         if not has_rays(view):
-            if all(view.varies(name) and span(view, name) >= _FEWEST_PX for name in _PIXEL):
+            if has_field(view):
                 for channel in signals(view):
                     parameters = amplitude("exponent", "1", -4.0, 16.0, 1.0), shape("reach", "1", 0.05, 2.0, 0.4)
                     yield self._variant(view, channel, "by pixels", parameters)
@@ -54,10 +53,8 @@ class Vignetting(LightFactor):
     def _variant(self, view: View, channel: str, kind: str, parameters: tuple[Parameter, ...]) -> Variant:
         options: dict[str, Option] = {"channel": channel, "kind": kind}
         if kind == "by pixels":
-            for name in _PIXEL:
-                low, high = view.span(name)
-                options |= {f"middle_{name[-1]}": rounded(0.5 * (low + high)), f"half_{name[-1]}": 0.5 * (high - low)}
-        names = _PIXEL if kind == "by pixels" else ("azimuth_deg", "elevation_deg")
+            options |= middle_options(view)
+        names = PIXEL if kind == "by pixels" else ("azimuth_deg", "elevation_deg")
         return Variant(
             effect=self.id,
             options=options,
@@ -69,7 +66,7 @@ class Vignetting(LightFactor):
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Relative illumination of the two ways together."""
         if variant.options["kind"] == "by pixels":
-            tangent = float(values["reach"]) * per_view(view, "image radius", lambda: _radius(variant, view))
+            tangent = float(values["reach"]) * image_radius(variant, view)
             return np.asarray((1.0 + tangent**2) ** (-0.5 * float(values["exponent"])))
         cosine = per_view(
             view,
@@ -106,14 +103,6 @@ class Vignetting(LightFactor):
         )
 
 
-def _radius(variant: Variant, view: View) -> FloatArray:
-    """Distance of each row's pixel from the middle of the image, the corner's distance being 1."""
-    of = variant.options
-    u = view.number("pixel_u") - float(of["middle_u"])
-    v = view.number("pixel_v") - float(of["middle_v"])
-    return np.asarray(np.nan_to_num(np.hypot(u, v) / np.hypot(float(of["half_u"]), float(of["half_v"]))))
-
-
 def overlap(distance: FloatArray, radius: float) -> FloatArray:
     """Share of a unit disc that lies within a disc of `radius` ≥ 1 whose centre is `distance` away."""
     d = np.clip(distance, radius - 1.0 + 1e-9, radius + 1.0 - 1e-9)
@@ -124,7 +113,3 @@ def overlap(distance: FloatArray, radius: float) -> FloatArray:
     )
     area = one + radius**2 * two - kite
     return np.where(distance <= radius - 1.0, 1.0, np.where(distance >= radius + 1.0, 0.0, area / np.pi))
-
-
-_PIXEL = ("pixel_u", "pixel_v")
-_FEWEST_PX = 7.0
