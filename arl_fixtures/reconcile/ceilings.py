@@ -1,7 +1,7 @@
 """Signals at the end of a converter's scale: they say that there was at least so much light, and no more.
 
 A mean over frames feels the end before it reaches it, as soon as single frames do; and a simulation that stops at
-the same end says nothing of what a change of gain makes of such a row. Both are left out of the comparison.
+an end says nothing of what a change of gain makes of such a row. Both are left out of the comparison.
 """
 
 from __future__ import annotations
@@ -44,24 +44,30 @@ def leave_out_ceilings(
     for name in channels:
         if role_of(name, set(channels)) is not Role.INTENSITY:
             continue
-        top = ceiling_of(numbers[name])
-        if top is None:
-            continue
         simulated = numbers[f"sim_{name}"]
-        frame = numbers.get(f"sim_{name}_std", np.zeros(len(simulated)))
-        least = top - FRAMES_OFF * np.nan_to_num(frame)
-        over = (numbers[name] >= least) | (simulated >= least)
+        top, cut = ceiling_of(numbers[name]), ceiling_of(simulated)
+        if top is None and cut is None:
+            continue
+        over = np.zeros(len(simulated), dtype=bool)
+        if top is not None:
+            frame = numbers.get(f"sim_{name}_std", np.zeros(len(simulated)))
+            least = top - FRAMES_OFF * np.nan_to_num(frame)
+            over |= (numbers[name] >= least) | (simulated >= least)
+        if cut is not None:
+            over |= simulated >= cut
         over &= np.isfinite(numbers[name])
         for column in (name, f"{name}_std"):
             if column in numbers:
                 numbers[column] = np.where(over, np.nan, numbers[column])
+        top = min(x for x in (top, cut) if x is not None)
         found[name] = top
         ignored[f"{name} (ceiling)"] = (
-            f"{int(over.sum())} rows stand at the end of the scale, {top:.6g}, or feel it; they are not compared"
+            f"{int(over.sum())} rows stand at the end of the scale, {top:.6g}, or feel it, measured or simulated; "
+            f"they are not compared"
         )
     return found
 
 
 def under_ceiling(values: FloatArray, simulated: FloatArray, top: float) -> FloatArray:
-    """Corrected values below a ceiling; where the simulation stands at it, so does the prediction."""
+    """Corrected values; where the simulation stands at a ceiling, or they would, the prediction stands there, too."""
     return np.where(simulated >= top * (1.0 - 1e-9), simulated, np.minimum(values, top))

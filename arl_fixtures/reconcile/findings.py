@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 TWIN_GAIN, TWIN_SHARE = 3.0, 0.03
 """An alternative that loses less than this (log-likelihood, or share of the finding's gain) cannot be told apart."""
-LIKE_SHARE = 0.08
+LIKE_SHARE = 0.12
 """The share for effects that are known to be alike: a real one's shape differs from the library's by such a part."""
 EDGE_SHARE = 0.3
 """The share for effects that show at edges, where these are known from the table's own samples only: what the

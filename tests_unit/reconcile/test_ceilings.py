@@ -33,3 +33,13 @@ def test_a_prediction_stays_below_the_end_of_the_scale():
     simulated = np.array([500.0, 990.0, 1000.0])
     assert under_ceiling(1.05 * simulated, simulated, 1000.0).tolist() == [525.0, 1000.0, 1000.0]
     assert under_ceiling(0.9 * simulated, simulated, 1000.0).tolist() == [450.0, 891.0, 1000.0]
+
+
+def test_a_simulation_that_stops_tells_nothing_there_though_the_recording_goes_on():
+    rng = np.random.default_rng(5)
+    true = rng.uniform(100.0, 1400.0, 4000)
+    numbers = {"intensity_counts": true * 0.97, "sim_intensity_counts": np.minimum(true, 1000.0)}
+    assert leave_out_ceilings(numbers, ("intensity_counts",), {}) == {"intensity_counts": 1000.0}
+    seen = np.isfinite(numbers["intensity_counts"])
+    assert true[seen].max() < 1000.0
+    assert true[~seen].min() >= 1000.0
