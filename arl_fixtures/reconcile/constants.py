@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from scipy.special import expit
 
@@ -55,6 +57,27 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
         if found:
             result[d.channel.name] = found
     return result
+
+
+def of_unseen(decision: Decision, constants: Mapping[str, Mapping[str, float]]) -> tuple[list[str], dict[str, float]]:
+    """Units that a comparison has seen, and the gain or offset that another one is foretold to have.
+
+    What all units need beside a finding (a walk has its zero at some signal) another one needs as well: their mean,
+    less the share of it that their scatter may be.
+    """
+    problem = decision.problem
+    code, keys = unit_keys(problem.view, problem.groups.unit_columns)
+    seen = [keys[k] for k in np.unique(code)]
+    unseen: dict[str, float] = {}
+    for channel, found in constants.items():
+        values = np.array([found.get(key, 0.0) for key in seen])
+        mean = float(values.mean())
+        if len(values) > 1 and mean != 0.0:
+            error = float(values.std(ddof=1)) / np.sqrt(len(values))
+            value = mean * max(1.0 - (error / mean) ** 2, 0.0)
+            if value != 0.0:
+                unseen[channel] = value
+    return seen, unseen
 
 
 def _plain(d: ChannelData, residual: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -97,6 +97,8 @@ class ModelFile(FileModel):
     effects: list[EffectFile] = Field(default_factory=list)
     unknown: list[LawFile] = Field(default_factory=list)
     calibration: dict[str, dict[str, float]] = Field(default_factory=dict)
+    units_seen: list[str] = Field(default_factory=list)
+    unseen_units: dict[str, float] = Field(default_factory=dict)
     relative: list[str] = Field(default_factory=list)
     ceilings: dict[str, float] = Field(default_factory=dict)
     sweep_gap_deg: float | None = None
@@ -105,7 +107,7 @@ class ModelFile(FileModel):
 
 def model_of(
     diagnosis: Diagnosis, unit_columns: tuple[str, ...], relative: tuple[str, ...], gaps: tuple[float, float],
-    ceilings: Mapping[str, float] | None = None,
+    ceilings: Mapping[str, float] | None = None, units: tuple[list[str], dict[str, float]] | None = None,
 ) -> ModelFile:  # fmt: skip
     """What to write for a diagnosis.
 
@@ -115,12 +117,15 @@ def model_of(
         relative: channels whose constant is a gain.
         gaps: how far apart neighbours in the sweep (degrees) and in time (seconds) may lie.
         ceilings: ends of channels' scales.
+        units: those that were compared, and by channel the constant of others.
     """
     return ModelFile(
         unit_columns=list(unit_columns),
         effects=[_effect_file(f.term) for f in diagnosis.findings if f.term is not None],
         unknown=[_law_file(f.law) for f in diagnosis.findings if f.law is not None],
         calibration=diagnosis.constants,
+        units_seen=units[0] if units else [],
+        unseen_units=units[1] if units else {},
         relative=list(relative),
         ceilings=dict(ceilings or {}),
         sweep_gap_deg=gaps[0] if np.isfinite(gaps[0]) else None,
@@ -297,7 +302,7 @@ def corrected_state(model: ModelFile, terms: list[Term], view: View) -> State:
             state[law.channel] = state[law.channel] + law.correction({**features, **constant}, state[law.channel])
     for channel, constants in model.calibration.items():
         if channel in state:
-            values = _constants_on_rows(model, constants, view)
+            values = _constants_on_rows(model, channel, constants, view)
             # as it was fitted: a gain of what the effects and laws make of the simulation
             state[channel] = state[channel] * (1.0 + values) if channel in model.relative else state[channel] + values
     for channel, top in model.ceilings.items():
@@ -314,11 +319,13 @@ def _single(view: View, name: str) -> FloatArray:
     return np.array([*(category_id(label) for label in labels), np.nan])[codes]
 
 
-def _constants_on_rows(model: ModelFile, constants: dict[str, float], view: View) -> FloatArray:
+def _constants_on_rows(model: ModelFile, channel: str, constants: dict[str, float], view: View) -> FloatArray:
     if not model.unit_columns:
         return np.full(view.n, constants.get("", 0.0))
-    labels = unit_keys(view, tuple(model.unit_columns))
-    return np.asarray(np.array([constants.get(key, 0.0) for key in labels[1]])[labels[0]])
+    code, keys = unit_keys(view, tuple(model.unit_columns))
+    others = model.unseen_units.get(channel, 0.0)
+    values = [constants.get(key, 0.0 if key in model.units_seen else others) for key in keys]
+    return np.asarray(np.array(values)[code])
 
 
 def unit_keys(view: View, unit_columns: tuple[str, ...]) -> tuple[IntArray, list[str]]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.columns import Columns
-from arl_fixtures.reconcile.constants import constants_of
+from arl_fixtures.reconcile.constants import constants_of, of_unseen
 from arl_fixtures.reconcile.decide import Decision, is_structure
 from arl_fixtures.reconcile.diagnosis import ChannelFit, Diagnosis
 from arl_fixtures.reconcile.effect import Effect
@@ -51,7 +51,10 @@ def diagnose(
         d.channel.name for d in found.problem.data if d.channel.role in {Role.INTENSITY, Role.SCATTER}
     )  # fmt: skip
     gaps = (columns.sweep_gap_deg, columns.frame_gap_s)
-    model = model_of(diagnosis, found.problem.groups.unit_columns, relative, gaps, columns.ceilings)
+    model = model_of(
+        diagnosis, found.problem.groups.unit_columns, relative, gaps, columns.ceilings,
+        units=of_unseen(decision, constants),
+    )  # fmt: skip
     return diagnosis, model, decision
 
 
