@@ -21,6 +21,8 @@ from arl_fixtures.reconcile.roles import unit_of
 Features = dict[str, FloatArray]
 LEAST_RATIO = 1e-3
 """Least value of a column, as a share of its middle, of which `log` and `inverse` are taken."""
+NO_RATIO = frozenset({"°C", "deg"})
+"""Units whose zero is a convention."""
 INTEGER_AXES = ("pixel_u", "pixel_v", "step", "cycle")
 CLUSTER_GAP, MOST_CLUSTERS = 0.03, 9
 """Share of a column's span from which a gap parts clusters of its values, and how many such gaps are looked at."""
@@ -32,9 +34,9 @@ class Axis:
 
     Attributes:
         column: feature name (see `features_of`).
-        kind: `linear`, `square`, `above`, `below` (hinges), `step`, `band` (1 between two edges, else 0), `exp`,
-            `inverse`, `log`, `sin`, `cos`, `parity`, `is` (a category), `table` (one value per bin), `curve`
-            (straight lines between knots), `one`.
+        kind: `linear`, `ratio` (to the middle: nil at nil), `square`, `above`, `below` (hinges), `step`, `band` (1
+            between two edges, else 0), `exp`, `inverse`, `log`, `sin`, `cos`, `parity`, `is` (a category), `table`
+            (one value per bin), `curve` (straight lines between knots), `one`.
         middle, width: the ratio is (x − middle) / width.
         at: knot or period in the column's unit, or number of a category.
         label: category label of `is`.
@@ -80,7 +82,7 @@ class Axis:
         """The function as it stands in an expression."""
         c, m, w, a = self.column, f"{self.middle:.5g}", f"{self.width:.5g}", f"{self.at:.5g}"
         return {
-            "one": "1", "linear": f"({c} - {m})/{w}", "square": f"(({c} - {m})/{w})^2",
+            "one": "1", "ratio": f"{c}/{m}", "linear": f"({c} - {m})/{w}", "square": f"(({c} - {m})/{w})^2",
             "above": f"max({c} - {a}, 0)/{w}", "below": f"max({a} - {c}, 0)/{w}", "step": f"[{c} > {a}]",
             "exp": f"exp(3*({c} - {m})/{w})", "inverse": f"{m}/{c}", "log": f"ln({c}/{m})",
             "sin": f"sin(2*pi*{c}/{a})", "cos": f"cos(2*pi*{c}/{a})", "parity": f"(-1)^{c}",
@@ -169,6 +171,8 @@ def _function(kind: str, x: FloatArray, axis: Axis) -> FloatArray:
     match kind:
         case "linear":
             return ratio
+        case "ratio":
+            return np.asarray(x / axis.middle)
         case "square":
             return np.asarray(ratio**2)
         case "above":
@@ -234,6 +238,8 @@ def axes_of(name: str, values: FloatArray, labels: tuple[str, ...]) -> Iterator[
         return
     yield Axis(**base, kind="square")  # type: ignore[arg-type]  # as above
     if low > LEAST_RATIO * middle and high > 1.3 * low:
+        if unit_of(name) not in NO_RATIO:
+            yield Axis(column=name, kind="ratio", middle=middle, width=width)
         yield Axis(column=name, kind="log", middle=middle, width=width)
         yield Axis(column=name, kind="inverse", middle=middle, width=width)
     yield Axis(**base, kind="exp")  # type: ignore[arg-type]  # as above

@@ -39,7 +39,7 @@ IMAGE, ORDERS = ("pixel_u", "pixel_v"), ("step", "time_s", "cycle", "stage_angle
 MOST_MARKS, MOST_REFINED = 20, 10
 PRICE_MARK, PRICE_ZERO = 2.0, 2.0
 """Further price of a term that holds in one category only, and of saying where one of its factors is zero."""
-UNSHIFTED = frozenset({"is", "step", "band", "above", "below", "parity", "one"})
+UNSHIFTED = frozenset({"is", "ratio", "step", "band", "above", "below", "parity", "one"})
 """Functions whose zero means something."""
 _CELLS = 100_000
 FAR_APART, FAR_BESIDE = 0.9, 0.25
@@ -86,7 +86,7 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> list[Candidat
         for item in made:
             gain, _ = evidence(item.gram, item.vectors @ work.residual, item.basis.prior)
             item.gain = gain - item.basis.price
-        pool += made
+        pool += [m for m in made if m.basis.waves or m.basis.axes[0].kind != "ratio"]  # alone it is a line
         ranked[name] = max((item.gain for item in made), default=0.0)
         simple[name] = sorted((m for m in made if m.basis.prior is None and not m.basis.waves), key=lambda m: -m.gain)
     if not work.data.calibrated:
@@ -162,7 +162,7 @@ def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, l
                 category = not other.startswith(("~", "sim_")) and view.is_category(other)
                 plain = {m.basis.axes[0].kind: m.basis.axes[0] for m in simple.get(one, [])}
                 line = plain.get("linear")
-                shapes = [plain[kind] for kind in ("linear", "log", "inverse") if kind in plain]
+                shapes = [plain[kind] for kind in ("linear", "ratio", "log", "inverse") if kind in plain]
                 marks = [m.basis.axes[0] for m in simple.get(one, []) if m.basis.axes[0].kind == "is"]
                 numbered = other in looker.problem.groups.unit_columns
                 curve = None if category or numbered else curve_axis(other, values, KNOTS)
@@ -260,7 +260,7 @@ def _varied(ranked: Sequence[Candidate], most: int = 4) -> list[Candidate]:
     kept: list[Candidate] = []
     for item in ranked:
         kind = item.basis.axes[0].kind
-        if (kind not in kinds or kind == "is") and (len(kept) < most or kind in {"linear", "parity"}):
+        if (kind not in kinds or kind == "is") and (len(kept) < most or kind in {"linear", "ratio", "parity"}):
             kinds.add(kind)
             kept.append(item)
     return kept

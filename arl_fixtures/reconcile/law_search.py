@@ -150,7 +150,7 @@ def _complexity(basis: Basis) -> int:
     if basis.waves:
         return 1 + len(basis.waves) + proxies
     places = sum(axis.is_open for axis in basis.axes)
-    plain = sum(axis.kind not in {"linear", "is", "parity", "inverse"} for axis in basis.axes)
+    plain = sum(axis.kind not in {"linear", "ratio", "is", "parity", "inverse"} for axis in basis.axes)
     return 4 * places + plain + len(basis.axes) + proxies
 
 
