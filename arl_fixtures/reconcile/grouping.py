@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from arl_fixtures.reconcile.columns import IMAGE_COLUMNS, Columns, FloatArray, IntArray
-from arl_fixtures.reconcile.roles import counts_visits
+from arl_fixtures.reconcile.roles import PIXEL_COLUMNS, counts_visits
 
 UNIT_WORDS = ("zone", "pixel", "channel", "sensor", "device", "unit", "module", "serial", "run", "tap")
 DEVICE_WORDS = ("dut", "sensor", "device", "module", "serial", "run")
 """Columns that tell instruments or recordings apart; zones or taps of one device share the errors of its steps."""
-PATCHES, RUNS = "patches of pixels", "runs of neighbouring rows"
+PATCHES, RUNS, STAGE_ANGLES = "patches of pixels", "runs of neighbouring rows", "stage angles"
 WITHIN_IMAGES = (PATCHES, RUNS)
 """Blocks that take a part of each image."""
 BLOCKS_WITHOUT_STEPS = 16
@@ -73,7 +73,9 @@ def find_groups(table: Columns) -> Groups:
     angle = _dense(unit, table.codes_of("stage_angle_deg")) if _few(table, "stage_angle_deg") else None
     if not step_columns:
         swept = swept_column(table)
-        if swept:
+        if angle is not None and swept != "time_s":  # every pose once: what a pose shares is what a step shares
+            step, angle, name = _dense(device, table.codes_of("stage_angle_deg")), None, STAGE_ANGLES
+        elif swept:
             step = _dense(device, _blocks_along(table.numbers[swept]))
             name = f"blocks of neighbouring {swept}"
             repeated = _dense(step, table.codes_of(swept))  # rows that are equal to the last digit
@@ -103,7 +105,7 @@ def swept_column(table: Columns) -> str:
     best, most = "", 7
     for name, values in sorted(table.numbers.items()):
         bare = name.removesuffix("_std")
-        if name.startswith("sim_") or name in taken or bare in taken or name in {"n_frames", "pixel_u", "pixel_v"}:
+        if name.startswith("sim_") or name in taken or bare in taken or name in PIXEL_COLUMNS | {"n_frames"}:
             continue
         finite = values[np.isfinite(values)]
         distinct = len(np.unique(finite)) if len(finite) > 0.9 * table.n else 0
@@ -180,7 +182,7 @@ def _blocks_along(values: FloatArray) -> IntArray:
 def _last_resort(table: Columns, unit: IntArray) -> tuple[IntArray, str]:
     """Blocks for holding out where steps are too few: angles, patches of pixels, else runs of rows."""
     if _few(table, "stage_angle_deg"):
-        return table.codes_of("stage_angle_deg"), "stage angles"
+        return table.codes_of("stage_angle_deg"), STAGE_ANGLES
     if "pixel_u" in table.numbers:
         v = table.numbers.get("pixel_v", np.zeros(table.n))
         return table.group("pixel_u") // 4 * 1000 + np.nan_to_num(v).astype(np.int64) // 4, PATCHES
