@@ -8,6 +8,7 @@ the data ask, and what a curve gains is comparable with what a line gains.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -52,6 +53,11 @@ class Basis:
     def columns(self) -> tuple[str, ...]:
         """Columns on which it depends."""
         return tuple(dict.fromkeys(a.column for product in (self.axes, *self.waves) for a in product if a.column))
+
+    @property
+    def count(self) -> int:
+        """Number of its functions."""
+        return len(self.waves) or math.prod(axis.count for axis in self.axes if axis.is_open)
 
     def vectors(self, features: Features, known: dict[Axis, FloatArray] | None = None) -> FloatArray:
         """The functions on rows, shape (k, n); `known` keeps those of single axes, which come back in products."""

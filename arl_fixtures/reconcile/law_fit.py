@@ -9,7 +9,8 @@ import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.law_basis import Basis
-from arl_fixtures.reconcile.law_work import Candidate, Work, evidence
+from arl_fixtures.reconcile.law_evidence import evidence
+from arl_fixtures.reconcile.law_work import Candidate, Work
 
 BETWEEN_SHARE = 0.25
 """Share of what a wave gains on unseen blocks that it must gain on levels of its columns that it has not seen."""

@@ -28,7 +28,8 @@ from arl_fixtures.reconcile.law_basis import (
     tables_of,
     waves_of,
 )
-from arl_fixtures.reconcile.law_work import Candidate, Work, evidence
+from arl_fixtures.reconcile.law_candidates import Candidates
+from arl_fixtures.reconcile.law_work import Candidate, Work
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.roles import Role
 
@@ -50,11 +51,11 @@ ALIKE = 0.98
 """Correlation from which two columns are one for the search of pairs."""
 
 
-def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> list[Candidate]:
+def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
     """Candidates: every column alone; the leading ones also in pairs."""
     view = looker.problem.view
     signal = _signal(work)
-    pool: list[Candidate] = []
+    pool = Candidates(work)
     ranked: dict[str, float] = {}
     simple: dict[str, list[Candidate]] = {}
     for name, values in work.features.items():
@@ -82,28 +83,32 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> list[Candidat
                 bases.append(Basis(waves=waves_of(name, wave), price=PRICE_TWO + extra))
                 phase = Axis(column=name, kind="table", at=1.0 / wave, edges=tuple(np.arange(1, 8) / 8.0 / wave))
                 bases.append(Basis(axes=(phase,), prior=np.eye(8), price=PRICE_TWO + 2.0 + extra))
-        made = [work.candidate(b) for b in bases]
-        for item in made:
-            gain, _ = evidence(item.gram, item.vectors @ work.residual, item.basis.prior)
-            item.gain = gain - item.basis.price
-        pool += [m for m in made if m.basis.waves or m.basis.axes[0].kind != "ratio"]  # alone it is a line
+        ratios = [b for b in bases if _is_ratio(b)]  # alone it is a line
+        made = pool.add(b for b in bases if not _is_ratio(b))
         ranked[name] = max((item.gain for item in made), default=0.0)
-        simple[name] = sorted((m for m in made if m.basis.prior is None and not m.basis.waves), key=lambda m: -m.gain)
+        plain = [m for m in made if m.basis.prior is None and not m.basis.waves]
+        straight = [m for m in plain if m.basis.axes[0].kind == "linear"]
+        plain += [replace(line, basis=ratio) for line, ratio in zip(straight, ratios, strict=False)]
+        simple[name] = sorted(plain, key=lambda m: -m.gain)
     if not work.data.calibrated:
-        pool.append(work.candidate(Basis(axes=(Axis(column="", kind="one"),), price=2.0)))
+        pool.add([Basis(axes=(Axis(column="", kind="one"),), price=2.0)])
     ranking = sorted(ranked, key=lambda n: -ranked[n])
     names = distinct(work, [*leading, *(n for n in ranking if ranked[n] > -PRICE_ONE)])[:MOST_LEADING]
     if signal is not None:  # what is added, not multiplied
-        for item in [m for n in names for m in pool if m.basis.columns == (n,) and not m.basis.waves][:80]:
-            axes = (*item.basis.axes, signal)
-            pool.append(work.candidate(Basis(axes=axes, prior=item.basis.prior, price=item.basis.price + 1.0)))
-    pool += [work.candidate(b) for b in _pairs(work, looker, names, simple)]
-    pool += [work.candidate(b) for b in _moving(work, names)]
+        alone = [m.basis for n in names for m in pool.items if m.basis.columns == (n,) and not m.basis.waves][:80]
+        pool.add(Basis(axes=(*b.axes, signal), prior=b.prior, price=b.price + 1.0) for b in alone)
+    pool.add(_pairs(work, looker, names, simple))
+    pool.add(_moving(work, names))
     lines = [m.basis.axes[0] for n in names for m in simple.get(n, []) if m.basis.axes[0].kind == "linear"]
     numbered = looker.problem.groups.unit_columns
     numeric = [n for n in ranking if not (n in numbered or (not n.startswith(("~", "sim_")) and view.is_category(n)))]
-    pool += [work.candidate(b) for b in bands_of(work, numeric, lines)]
-    return pool + [work.candidate(b) for b in _refined(work, looker, pool)]
+    pool.add(bands_of(work, numeric, lines))
+    pool.add(_refined(work, looker, pool.items))
+    return pool
+
+
+def _is_ratio(basis: Basis) -> bool:
+    return bool(basis.axes) and basis.axes[0].kind == "ratio"
 
 
 def recurs(work: Work, axis: Axis, factor: Axis | None = None) -> bool:
@@ -225,8 +230,6 @@ def _refined(work: Work, looker: Looker, pool: Sequence[Candidate]) -> Iterator[
     Each may do so much more than without that it comes first only so.
     """
     marks = marks_of(looker)
-    for item in pool:
-        item.gain = evidence(item.gram, item.vectors @ work.residual, item.basis.prior)[0] - item.basis.price
     kinds: set[tuple[str, ...]] = set()
     for item in sorted(pool, key=lambda item: -item.gain):
         basis = item.basis

@@ -19,6 +19,8 @@ from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.grouping import WITHIN_IMAGES
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm, axes_of
 from arl_fixtures.reconcile.law_basis import UNLIKELY, Basis, is_proxy
+from arl_fixtures.reconcile.law_candidates import Candidates
+from arl_fixtures.reconcile.law_evidence import evidence
 from arl_fixtures.reconcile.law_fit import Chosen, confirm, holds_between, joint, weighed
 from arl_fixtures.reconcile.law_pool import (
     PRICE_MARK,
@@ -31,7 +33,7 @@ from arl_fixtures.reconcile.law_pool import (
     recurs,
 )
 from arl_fixtures.reconcile.law_shape import sharpened
-from arl_fixtures.reconcile.law_work import ALL_ROWS, MOST_ROWS, Candidate, Work, evidence
+from arl_fixtures.reconcile.law_work import ALL_ROWS, MOST_ROWS, Candidate, Work
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.roles import Role
@@ -73,7 +75,7 @@ def is_law(chosen: Chosen) -> bool:
     return sure or likely or (chosen.likelier > 2.0 * LAW_LIKELIER and chosen.z > LAW_FEW_Z)
 
 
-def find_terms(work: Work, pool: Sequence[Candidate], whole: Work | None = None) -> Chosen:
+def find_terms(work: Work, pool: Candidates, whole: Work | None = None) -> Chosen:
     """Forward selection from a pool; the joint fit and what unseen blocks say of it.
 
     Args:
@@ -94,7 +96,7 @@ def find_terms(work: Work, pool: Sequence[Candidate], whole: Work | None = None)
         best = max(offers)[0]
         near = [k for gain, k in offers if gain > best - max(CLOSE, CLOSE_SHARE * best)]
         accepted, between = None, False
-        for k in sorted(near, key=lambda k: (_complexity(pool[k].basis), -judged.items[k].gain))[:4]:
+        for k in sorted(near, key=lambda k: (_complexity(pool.items[k].basis), -judged.items[k].gain))[:4]:
             judged.tried.add(k)
             trial = joint(whole, [*chosen.terms, judged.items[k]])
             further = max(FURTHER_GAIN, FURTHER_SHARE * chosen.held) if chosen.terms else LEAST_GAIN
@@ -106,7 +108,7 @@ def find_terms(work: Work, pool: Sequence[Candidate], whole: Work | None = None)
                 between = True
         if accepted is not None:
             chosen, failed = accepted, 0
-            left = work.residual - sum(v @ pool[k].vectors for v, k in zip(chosen.values, ranked, strict=True))
+            left = work.residual - sum(v @ pool.items[k].vectors for v, k in zip(chosen.values, ranked, strict=True))
         elif between or failed < MOST_FAILED:
             failed += not between  # what fits best but foretells nothing gives way to the next best
         else:
@@ -117,18 +119,17 @@ def find_terms(work: Work, pool: Sequence[Candidate], whole: Work | None = None)
 class _Judged:
     """Candidates ranked on a part of the rows, the best of them judged on all."""
 
-    def __init__(self, work: Work, whole: Work, pool: Sequence[Candidate]) -> None:
+    def __init__(self, work: Work, whole: Work, pool: Candidates) -> None:
         self.whole, self.pool, self.alike = whole, pool, whole is work
         self.ratio = len(whole.pick) / len(work.pick)
-        self.items: dict[int, Candidate] = dict(enumerate(pool)) if self.alike else {}
+        self.items: dict[int, Candidate] = dict(enumerate(pool.items)) if self.alike else {}
         self.tried: set[int] = set()
 
     def offers(self, part: FloatArray, left: FloatArray, least: float) -> list[tuple[float, int]]:
         """Gains above the least, and whose; `part` and `left` are the whitened rests on the two sets of rows."""
         offers: list[tuple[float, int]] = []
-        for k, item in enumerate(self.pool):
+        for k, (item, gain, width) in enumerate(zip(self.pool.items, *self.pool.weigh(part), strict=True)):
             if k not in self.tried:
-                gain, width = evidence(item.gram, item.vectors @ part, item.basis.prior)
                 item.gain, item.width = self.ratio * gain - item.basis.price, width
                 offers.append((item.gain, k))
         if not self.alike:
@@ -136,7 +137,7 @@ class _Judged:
             offers = []
             for k in first:
                 if k not in self.items:
-                    self.items[k] = self.whole.candidate(self.pool[k].basis)
+                    self.items[k] = self.whole.candidate(self.pool.items[k].basis)
                 item = self.items[k]
                 gain, item.width = evidence(item.gram, item.vectors @ left, item.basis.prior)
                 item.gain = gain - item.basis.price

@@ -11,7 +11,7 @@ from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.law import Axis, Features
 from arl_fixtures.reconcile.law_basis import Basis
-from arl_fixtures.reconcile.noise import Whitener
+from arl_fixtures.reconcile.noise import Shared, Whitener
 from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.roles import Role
 
@@ -19,6 +19,8 @@ MOST_ROWS, ALL_ROWS = 6_000, 20_000
 """Rows on which candidates are ranked, and on which the best of them are judged and fitted."""
 LEAST_LEVELS, MOST_LEVELS, LEVEL_FOLDS = 5, 48, 4
 """Levels of a column from which, and into at most how many, it is parted; folds of them."""
+AT_ONCE = 64_000
+"""Numbers that are whitened at once: few enough for the processor's cache."""
 LEAST_SEEN = 1e-3
 """Share of a function's power that must be left beside the units' constants."""
 
@@ -63,7 +65,11 @@ class Work:
         self.scale = data.expect[pick] * (sim if relative else np.ones(len(pick)))
         self.direction = self.scale * self._root_weight
         self._constant = self._whitener(data.scale[pick]) if data.calibrated else np.zeros(0)
-        self._power = np.maximum(np.bincount(self.unit, self._constant**2), 1e-300) if data.calibrated else None
+        self._power = np.zeros(0)
+        self._units: Shared | None = None
+        if data.calibrated:
+            self._power = np.maximum(np.bincount(self.unit, self._constant**2), 1e-300)
+            self._units = Shared(self.unit, self._constant, len(self._power))
         self.residual = self.whiten(data.residual(state)[pick])
         self.step = next(
             (level.code for level in levels if level.name == "step"), np.zeros(len(pick), dtype=np.int64)
@@ -73,7 +79,7 @@ class Work:
     def whiten(self, x: FloatArray) -> FloatArray:
         """Whitened vector without what a constant per unit explains."""
         z = self._whitener(x)
-        if self._power is not None:
+        if self._units is not None:
             share = np.bincount(self.unit, self._constant * z) / self._power
             z = z - self._constant * share[self.unit]
         return np.asarray(z)
@@ -101,35 +107,33 @@ class Work:
 
     def candidate(self, basis: Basis) -> Candidate:
         """A basis on these rows."""
-        vectors = basis.vectors(self.features, self._axes) * self.scale
-        white = np.empty_like(vectors)
-        for place, vector in enumerate(vectors):
-            white[place] = self.whiten(vector)
-        gram = white @ white.T
+        vectors, gram = self.together([basis])
+        return Candidate(basis=basis, vectors=vectors[0], gram=gram[0])
+
+    def together(self, bases: Sequence[Basis]) -> tuple[FloatArray, FloatArray]:
+        """Whitened vectors of m bases of k functions each, shape (m, k, n), and their products, (m, k, k)."""
+        count = bases[0].count
+        vectors = np.empty((len(bases), count, len(self.pick)))
+        power = np.empty(vectors.shape[:2])
+        for here, sums, basis in zip(vectors, power, bases, strict=True):
+            np.multiply(basis.vectors(self.features, self._axes), self.scale, out=here)
+            here *= self._root_weight
+            np.einsum("kn,kn->k", here, here, out=sums)
+        self._whiten_rows(vectors.reshape(-1, len(self.pick)))
+        gram = vectors @ vectors.swapaxes(1, 2)
         # what calibration explains must not come back as a difference of large numbers
-        np.multiply(vectors, self._root_weight, out=vectors)
-        lost = np.diag(gram) < LEAST_SEEN * np.einsum("kn,kn->k", vectors, vectors)
-        if lost.any():
-            white[lost] = gram[lost] = gram[:, lost] = 0.0
-        return Candidate(basis=basis, vectors=white, gram=gram)
+        lost = np.diagonal(gram, axis1=1, axis2=2) < LEAST_SEEN * power
+        vectors[lost] = 0.0
+        gram[lost[:, :, None] | lost[:, None, :]] = 0.0
+        return vectors, gram
 
-
-def evidence(gram: FloatArray, score: FloatArray, prior: FloatArray | None) -> tuple[float, float]:
-    """Gain of marginal likelihood of coefficients with a prior covariance at its best width, and that width."""
-    if prior is None:
-        power = np.diag(gram)
-        if not np.all(power > 1e-9):
-            return 0.0, 0.0
-        if len(score) == 1:
-            return 0.5 * float(score[0] * (score[0] / gram[0, 0])), np.inf
-        return 0.5 * float(score @ np.linalg.lstsq(gram, score, rcond=1e-10)[0]), np.inf
-    root = np.linalg.cholesky(prior + 1e-9 * np.eye(len(prior)))
-    size, turn = np.linalg.eigh(root.T @ gram @ root)
-    size = np.maximum(size, 0.0)
-    if size[-1] <= 1e-9:
-        return 0.0, 0.0
-    push = (turn.T @ (root.T @ score)) ** 2
-    widths = np.geomspace(0.1 / size[-1], 1e4 / size[-1], 26)[:, None]
-    gains = 0.5 * np.sum(widths * push / (1.0 + widths * size) - np.log1p(widths * size), axis=1)
-    best = int(np.argmax(gains))
-    return float(max(gains[best], 0.0)), float(np.sqrt(widths[best, 0]))
+    def _whiten_rows(self, vectors: FloatArray) -> None:
+        """Whiten rows in standard errors in place, a few at a time."""
+        most = max(AT_ONCE // len(self.pick), 4)
+        for start in range(0, len(vectors), most):
+            part = vectors[start : start + most]
+            z = part.T.copy()
+            self._whitener.columns(z)
+            if self._units is not None:
+                z -= self._units.rows(self._units.sums(z) / self._power[:, None])
+            part[:] = z.T

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
+from scipy.sparse import csr_array
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 
@@ -65,6 +66,27 @@ class _Step:
     shrink: FloatArray
 
 
+class Shared:
+    """Projection of many columns on a direction within each group, and what it makes on the rows.
+
+    Args:
+        code: group of each row; direction: of each row; count: number of groups.
+    """
+
+    def __init__(self, code: IntArray, direction: FloatArray, count: int) -> None:
+        ends = np.arange(len(code) + 1, dtype=np.int32)
+        self._rows = csr_array((direction, code.astype(np.int32), ends), shape=(len(code), count))
+        self._sums = self._rows.T.tocsr()
+
+    def sums(self, z: FloatArray) -> FloatArray:
+        """Per group and column: (n, k) to (count, k)."""
+        return np.asarray(self._sums @ z)
+
+    def rows(self, share: FloatArray) -> FloatArray:
+        """A share of the direction in each group, on rows: (count, k) to (n, k)."""
+        return np.asarray(self._rows @ share)
+
+
 class Whitener:
     """Linear map to independent unit variables for given group scatters.
 
@@ -79,6 +101,7 @@ class Whitener:
         self.levels = levels
         self.tau = {level.name: max(tau.get(level.name, 0.0), level.floor) for level in levels}
         self._steps: list[_Step] = []
+        self._shared: list[Shared] = []
         self.log_det = 0.0
         for level in levels:
             step = self._prepare(level, self.tau[level.name])
@@ -104,6 +127,14 @@ class Whitener:
         for step in self._steps:
             z = _apply(step, z)
         return z
+
+    def columns(self, z: FloatArray) -> None:
+        """Whiten many columns at once and in place; their rows, shape (n, k), are in standard errors already."""
+        if not self._shared:
+            self._shared = [Shared(step.code, step.direction, step.count) for step in self._steps]
+        for step, shared in zip(self._steps, self._shared, strict=True):
+            if step.tau > 0.0:
+                z -= shared.rows(step.shrink[:, None] * shared.sums(z))
 
     def group_sums(self, x: FloatArray, name: str) -> tuple[FloatArray, FloatArray]:
         """Per group of a level: projection of the residual on the group's direction, and its weight."""

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from arl_fixtures.reconcile.columns import Columns, FloatArray
 from arl_fixtures.reconcile.law import Axis, Law, thresholds
 from arl_fixtures.reconcile.law_basis import MAP_KNOTS, curve_axis, map_of, members
+from arl_fixtures.reconcile.law_evidence import evidence
 from arl_fixtures.reconcile.law_fit import Chosen
 from arl_fixtures.reconcile.law_search import is_law, search_law
-from arl_fixtures.reconcile.law_work import evidence
 from arl_fixtures.reconcile.locate import locate
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.problem import ChannelData, Problem
