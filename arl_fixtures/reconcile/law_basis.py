@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -31,6 +31,14 @@ PRICE_ONE, PRICE_TWO, PRICE_CURVE, PRICE_PRODUCT = 6.0, 9.0, 7.0, 3.0
 UNLIKELY = {"time_s": 4.0, "step": 4.0, "set_temperature_c": 1.0, "~within(time_s)": 3.0}
 FAR_FETCHED, OPERATING = 4.0, 1.5
 """Further price of columns that tell of unseen conditions less than a physical one that fits as well."""
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """Functions on rows by axis: of axes with one each, and of open ones, which soon fill the room."""
+
+    single: dict[Axis, FloatArray] = field(default_factory=dict)
+    open: dict[Axis, FloatArray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,9 +67,9 @@ class Basis:
         """Number of its functions."""
         return len(self.waves) or math.prod(axis.count for axis in self.axes if axis.is_open)
 
-    def vectors(self, features: Features, known: dict[Axis, FloatArray] | None = None) -> FloatArray:
-        """The functions on rows, shape (k, n); `known` keeps those of single axes, which come back in products."""
-        known = {} if known is None else known
+    def vectors(self, features: Features, known: Known | None = None) -> FloatArray:
+        """The functions on rows, shape (k, n); `known` keeps those of axes, which come back in products."""
+        known = Known() if known is None else known
         if self.waves:
             return np.stack([_product(product, features, known) for product in self.waves])
         total: FloatArray | None = None
@@ -99,16 +107,17 @@ class Basis:
         ]
 
 
-def _on_rows(axis: Axis, features: Features, known: dict[Axis, FloatArray]) -> FloatArray:
-    """The function or functions of an axis on rows, (k, n); those of many are not kept, they would fill the room."""
-    if axis.is_open:
-        return members(axis, features[axis.column])
-    if axis not in known:
-        known[axis] = axis(features)[None, :]
-    return known[axis]
+def _on_rows(axis: Axis, features: Features, known: Known) -> FloatArray:
+    """The function or functions of an axis on rows, (k, n)."""
+    kept = known.open if axis.is_open else known.single
+    found = kept.get(axis)
+    if found is None:
+        found = members(axis, features[axis.column]) if axis.is_open else axis(features)[None, :]
+        kept[axis] = found
+    return found
 
 
-def _product(axes: tuple[Axis, ...], features: Features, known: dict[Axis, FloatArray]) -> FloatArray:
+def _product(axes: tuple[Axis, ...], features: Features, known: Known) -> FloatArray:
     total: FloatArray = _on_rows(axes[0], features, known)[0]
     for axis in axes[1:]:
         total = total * _on_rows(axis, features, known)[0]

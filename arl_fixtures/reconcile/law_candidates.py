@@ -15,11 +15,21 @@ from arl_fixtures.reconcile.law_work import Candidate, Work
 
 @dataclass(frozen=True, slots=True)
 class _Block:
-    """Candidates with equally many functions, all with a prior or none: places in the pool, vectors (m, k, n)."""
+    """Candidates with equally many functions, all with a prior or none.
+
+    Attributes:
+        places: in the pool, (m,); vectors: those that differ, (l, k, n); which: of them each candidate has, (m,).
+        evidence: of all m.
+    """
 
     places: list[int]
     vectors: FloatArray
+    which: list[int]
     evidence: Evidence
+
+    def weigh(self, rest: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Gains and widths beside what leaves a whitened rest."""
+        return self.evidence.of((self.vectors @ rest)[self.which])
 
 
 class Candidates:
@@ -43,16 +53,18 @@ class Candidates:
             shapes.setdefault((basis.count, basis.prior is None), []).append(place)
         made: dict[int, Candidate] = {}
         for places in shapes.values():
-            alike = [bases[place] for place in places]
-            vectors, gram = self._work.together(alike)
-            block = _Block([start + place for place in places], vectors, Evidence(gram, _priors(alike)))
+            alike = [bases[p] for p in places]
+            distinct = {(b.axes, b.waves): b for b in alike}  # curves of two smoothnesses are the same functions
+            order = {functions: k for k, functions in enumerate(distinct)}
+            which = [order[b.axes, b.waves] for b in alike]
+            vectors, gram = self._work.together(list(distinct.values()))
+            block = _Block([start + p for p in places], vectors, which, Evidence(gram[which], _priors(alike)))
             self._blocks.append(block)
-            gains, widths = block.evidence.of(vectors @ self._work.residual)
-            for k, place in enumerate(places):
-                made[place] = Candidate(
-                    basis=bases[place], vectors=vectors[k], gram=gram[k],
-                    gain=float(gains[k]) - bases[place].price, width=float(widths[k]),
-                )  # fmt: skip
+            gains, widths = block.weigh(self._work.residual)
+            for p, k, gain, width in zip(places, which, gains.tolist(), widths.tolist(), strict=True):
+                made[p] = Candidate(
+                    basis=bases[p], vectors=vectors[k], gram=gram[k], gain=gain - bases[p].price, width=width
+                )
         self.items += [made[place] for place in range(len(bases))]
         return self.items[start:]
 
@@ -60,7 +72,7 @@ class Candidates:
         """Gains, before their price, and widths of all candidates beside what leaves a whitened rest."""
         gains, widths = np.zeros(len(self.items)), np.zeros(len(self.items))
         for block in self._blocks:
-            gains[block.places], widths[block.places] = block.evidence.of(block.vectors @ rest)
+            gains[block.places], widths[block.places] = block.weigh(rest)
         return gains.tolist(), widths.tolist()
 
 

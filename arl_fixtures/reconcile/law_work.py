@@ -9,8 +9,8 @@ import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
-from arl_fixtures.reconcile.law import Axis, Features
-from arl_fixtures.reconcile.law_basis import Basis
+from arl_fixtures.reconcile.law import Features
+from arl_fixtures.reconcile.law_basis import Basis, Known
 from arl_fixtures.reconcile.noise import Shared, Whitener
 from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.roles import Role
@@ -58,7 +58,7 @@ class Work:
         levels = tuple(level.part(pick) for level in data.levels)
         self._root_weight = data.root_weight[pick]
         self._whitener = Whitener(self._root_weight, levels, tau)
-        self._axes: dict[Axis, FloatArray] = {}
+        self._known = Known()
         self.unit = np.unique(data.unit[pick], return_inverse=True)[1]
         relative = data.channel.role in {Role.INTENSITY, Role.SCATTER}
         sim = state[data.channel.name][data.use[pick]]
@@ -116,9 +116,10 @@ class Work:
         vectors = np.empty((len(bases), count, len(self.pick)))
         power = np.empty(vectors.shape[:2])
         for here, sums, basis in zip(vectors, power, bases, strict=True):
-            np.multiply(basis.vectors(self.features, self._axes), self.scale, out=here)
+            np.multiply(basis.vectors(self.features, self._known), self.scale, out=here)
             here *= self._root_weight
             np.einsum("kn,kn->k", here, here, out=sums)
+        self._known.open.clear()
         self._whiten_rows(vectors.reshape(-1, len(self.pick)))
         gram = vectors @ vectors.swapaxes(1, 2)
         # what calibration explains must not come back as a difference of large numbers
