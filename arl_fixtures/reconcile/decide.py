@@ -25,6 +25,7 @@ from arl_fixtures.reconcile.findings import (
     scatter_finding,
 )
 from arl_fixtures.reconcile.fit import Fit, finish, fit
+from arl_fixtures.reconcile.followed import followed_law
 from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.law_search import add_trees, is_law, search_law
 from arl_fixtures.reconcile.locate import locate, located_law
@@ -278,7 +279,9 @@ class Decision:
             if s.driver and s.channel not in acted | {law.channel for law in self.laws}:
                 d = next(d for d in self.problem.data if d.channel.name == s.channel)
                 relative = d.channel.role in {Role.INTENSITY, Role.SCATTER}
-                self.laws.append(Law(channel=s.channel, relative=relative, terms=[], drivers=[s.driver], gain=s.gain))
+                terms = followed_law(self.problem, d, s.level, self.final_state(), s.driver)
+                law = Law(channel=s.channel, relative=relative, terms=terms, drivers=[s.driver], gain=s.gain)
+                self.laws.append(law)
 
     def _is_jitter(self, scatter: Scatter) -> bool:
         """Whether images scatter because a name says that all rows of a frame do so together."""

@@ -14,6 +14,7 @@ from scipy import stats
 
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.law import Axis, LawTerm
 from arl_fixtures.reconcile.noise import Level
 from arl_fixtures.reconcile.problem import ChannelData, Problem
 from arl_fixtures.reconcile.roles import unit_of
@@ -31,19 +32,25 @@ FEWEST_GROUPS = 8
 PERMUTATIONS = 2000
 HELD_BACK = 3.0
 """Scatters to which a group is held back before neighbours are compared."""
+LEAST_FORETOLD = 0.8
+"""Share of the squares left by groups that the others foretell, to which a line or its bend must bring them."""
 SECOND = 0.5
 """Weight of the next but one neighbour."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Shared:
-    """What groups share: whitened mean beside the units' constants, its weight, and conditions at each group."""
+    """What groups share: whitened mean beside the units' constants, its weight, and conditions at each group.
+
+    `spans`: mean and standard deviation of each condition.
+    """
 
     mean: FloatArray
     left: FloatArray
     root: FloatArray
     constants: list[FloatArray]
     conditions: dict[str, FloatArray]
+    spans: dict[str, tuple[float, float]]
 
 
 def condition_of(problem: Problem, data: ChannelData, group: str, state: State, *, strict: bool = False) -> str:
@@ -59,12 +66,53 @@ def condition_of(problem: Problem, data: ChannelData, group: str, state: State, 
     return _parabola(shared, data.units, part * DRIVEN_P) or _neighbours(shared, part * ALIKE_P)
 
 
+def followed_law(problem: Problem, data: ChannelData, group: str, state: State, name: str) -> list[LawTerm]:
+    """Line or parabola in a condition that groups follow, if groups left out are foretold by it; else no term.
+
+    Args:
+        problem, data, group, state: as of `condition_of`.
+        name: the condition.
+    """
+    shared = _shared_of(problem, data, group, state)
+    if name not in shared.conditions:
+        return []
+    x, (middle, width) = shared.conditions[name], shared.spans[name]
+    least, chosen = LEAST_FORETOLD * _left_out(shared, []), list[FloatArray]()
+    for columns in ([x], [x, x**2]):
+        left = _left_out(shared, columns)
+        if left < least:
+            least, chosen = LEAST_FORETOLD * left, columns
+    if not chosen:
+        return []
+    design = np.stack([*shared.constants, *chosen], axis=1) * shared.root[:, None]
+    values = np.linalg.lstsq(design, shared.mean, rcond=None)[0]
+    rest = shared.mean - design @ values
+    spread = float(rest @ rest) / max(len(rest) - design.shape[1], 1)
+    errors = np.sqrt(np.diag(np.linalg.pinv(design.T @ design)) * spread)
+    return [
+        LawTerm(
+            axes=(Axis(column=name, kind=kind, middle=middle, width=width),), value=float(value), error=float(error)
+        )
+        for kind, value, error in zip(
+            ("linear", "square"), values[-len(chosen) :], errors[-len(chosen) :], strict=False
+        )
+    ]
+
+
+def _left_out(shared: _Shared, columns: list[FloatArray]) -> float:
+    """Sum of squares of groups that the others foretell."""
+    design = np.stack([*shared.constants, *columns], axis=1) * shared.root[:, None]
+    hat = design @ np.linalg.pinv(design)
+    left = shared.mean - hat @ shared.mean
+    return float(np.sum((left / np.maximum(1.0 - np.diag(hat), 1e-6)) ** 2))
+
+
 def _shared_of(problem: Problem, data: ChannelData, group: str, state: State) -> _Shared:
     level = next(lv for lv in data.levels if lv.name == group)
     weight = data.root_weight**2 * data.scale
     bottom = np.bincount(level.code, weight * data.scale, minlength=level.count)
     mean = np.bincount(level.code, weight * data.residual(state), minlength=level.count) / np.maximum(bottom, 1e-300)
-    conditions = _conditions(problem.view, data, level)
+    conditions, spans = _conditions(problem.view, data, level)
     unit = np.zeros(level.count, dtype=np.int64)
     unit[level.code] = data.unit
     constants = [(unit == k).astype(np.float64) for k in range(data.units)]
@@ -72,18 +120,23 @@ def _shared_of(problem: Problem, data: ChannelData, group: str, state: State) ->
     target = mean * root
     base = np.stack(constants, axis=1) * root[:, None]
     left = target - base @ np.linalg.lstsq(base, target, rcond=None)[0]
-    return _Shared(target, left, root, constants, conditions)
+    return _Shared(target, left, root, constants, conditions, spans)
 
 
-def _conditions(view: View, data: ChannelData, level: Level) -> dict[str, FloatArray]:
-    """Standardised conditions at each group: what the bench records, and whatever else is steady within a step."""
+def _conditions(
+    view: View, data: ChannelData, level: Level
+) -> tuple[dict[str, FloatArray], dict[str, tuple[float, float]]]:
+    """Standardised conditions at each group, and their means and standard deviations.
+
+    What the bench records, and whatever else is steady within a step.
+    """
     recorded = [*view.temperatures()[:2], "time_s", "ramp", "cycle"]
     recorded += [n for n in view.covariates() if unit_of(n) in {"V", "A"}]
     others = [n for n in view.covariates() if n not in NO_CONDITIONS and unit_of(n) != "°C"]
     # images and angles of one step share its conditions
     names = [*recorded, *others] if level.name == "step" else ["stage_angle_deg"]
     size = np.maximum(np.bincount(level.code, minlength=level.count), 1)
-    found = {}
+    found, spans = {}, {}
     for name in dict.fromkeys(names):
         if not view.varies(name) or name == data.channel.name:
             continue
@@ -91,8 +144,9 @@ def _conditions(view: View, data: ChannelData, level: Level) -> dict[str, FloatA
         x = np.bincount(level.code, rows, minlength=level.count) / size
         steady = name in recorded or float(np.mean((rows - x[level.code]) ** 2)) < STEADY * float(np.var(rows))
         if (steady or level.name != "step") and x.std() > 0:
+            spans[name] = float(x.mean()), float(x.std())
             found[name] = (x - x.mean()) / x.std()
-    return found
+    return found, spans
 
 
 def _parabola(shared: _Shared, units: int, least: float) -> str:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from arl_fixtures.reconcile.followed import condition_of
+from arl_fixtures.reconcile.followed import condition_of, followed_law
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.table import load_table
 
@@ -53,3 +53,30 @@ def test_a_condition_that_no_library_knows_is_followed(tmp_path, make_table, sav
     problem = Problem(load_table(save(tmp_path / "shaken.parquet", made)))
     data = next(d for d in problem.data if d.channel.name == "distance_m")
     assert condition_of(problem, data, "step", problem.view.fresh_state()) == "vibration_ms2"
+
+
+@pytest.mark.parametrize(("bend", "kinds"), [(0.0, ["linear"]), (1.0, ["linear", "square"])])
+def test_what_steps_follow_is_foretold_of_steps_that_were_left_out(tmp_path, make_table, save, bend, kinds):
+    def fan(speed):  # air that a fan moves cools the housing of the clock: no column but the speed tells
+        return 1e-3 * (speed + bend * speed**2)
+
+    made = make_table(73, None, steps=STEPS)
+    speed = np.random.default_rng(8).uniform(0.0, 3.0, STEPS)[made["step"].astype(int)]
+    made["fan_speed"], made["distance_m"] = speed, made["distance_m"] + fan(speed)
+    kept = made["step"] < 18
+    problem = Problem(load_table(save(tmp_path / "fan.parquet", {n: v[kept] for n, v in made.items()})))
+    data = next(d for d in problem.data if d.channel.name == "distance_m")
+    terms = followed_law(problem, data, "step", problem.view.fresh_state(), "fan_speed")
+    assert [term.axes[0].kind for term in terms] == kinds
+    unseen = {"fan_speed": np.unique(speed[~kept])}
+    told = sum(term.value * term.axes[0](unseen) for term in terms)
+    off = told - fan(unseen["fan_speed"])
+    assert np.std(off) < 0.15 * np.std(told)
+
+
+def test_a_wave_between_conditions_is_foretold_by_no_parabola(tmp_path, make_table, save):
+    made = make_table(74, None, steps=STEPS)
+    made["distance_m"] = made["distance_m"] + 3e-3 * np.sin(made["housing_temperature_c"] / 6.0)
+    problem = Problem(load_table(save(tmp_path / "wave.parquet", made)))
+    data = next(d for d in problem.data if d.channel.name == "distance_m")
+    assert followed_law(problem, data, "step", problem.view.fresh_state(), "housing_temperature_c") == []
