@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,9 @@ from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.law_basis import Basis
 from arl_fixtures.reconcile.law_evidence import Evidence
 from arl_fixtures.reconcile.law_work import Candidate, Work
+
+MOST_NUMBERS = 2_000_000
+"""Numbers in the vectors of a block: all of them stay as long as a law has one of its candidates."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,15 +36,16 @@ class _Block:
 
 
 class Candidates:
-    """A pool of candidates in the order in which they came, each with the gain that it has by itself.
+    """A pool of candidates in the order in which they came, each with the gain that it has when it comes.
 
     Args:
         work: the rows.
+        left: whitened residual that they are weighed beside, that of the rows by default.
     """
 
-    def __init__(self, work: Work) -> None:
+    def __init__(self, work: Work, left: FloatArray | None = None) -> None:
         self.items: list[Candidate] = []
-        self._work = work
+        self._work, self._left = work, work.residual if left is None else left
         self._blocks: list[_Block] = []
 
     def add(self, bases: Iterable[Basis]) -> list[Candidate]:
@@ -52,7 +56,7 @@ class Candidates:
         for place, basis in enumerate(bases):
             shapes.setdefault((basis.count, basis.prior is None), []).append(place)
         made: dict[int, Candidate] = {}
-        for places in shapes.values():
+        for places in self._parts(shapes):
             alike = [bases[p] for p in places]
             distinct = {(b.axes, b.waves): b for b in alike}  # curves of two smoothnesses are the same functions
             order = {functions: k for k, functions in enumerate(distinct)}
@@ -60,13 +64,19 @@ class Candidates:
             vectors, gram = self._work.together(list(distinct.values()))
             block = _Block([start + p for p in places], vectors, which, Evidence(gram[which], _priors(alike)))
             self._blocks.append(block)
-            gains, widths = block.weigh(self._work.residual)
+            gains, widths = block.weigh(self._left)
             for p, k, gain, width in zip(places, which, gains.tolist(), widths.tolist(), strict=True):
                 made[p] = Candidate(
                     basis=bases[p], vectors=vectors[k], gram=gram[k], gain=gain - bases[p].price, width=width
                 )
         self.items += [made[place] for place in range(len(bases))]
         return self.items[start:]
+
+    def _parts(self, shapes: dict[tuple[int, bool], list[int]]) -> Iterator[list[int]]:
+        for (count, _), places in shapes.items():
+            most = max(MOST_NUMBERS // (count * len(self._left)), 1)
+            for start in range(0, len(places), most):
+                yield places[start : start + most]
 
     def weigh(self, rest: FloatArray) -> tuple[list[float], list[float]]:
         """Gains, before their price, and widths of all candidates beside what leaves a whitened rest."""

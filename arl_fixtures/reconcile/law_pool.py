@@ -156,6 +156,8 @@ def _signal(work: Work) -> Axis | None:
 
 def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, list[Candidate]]) -> Iterator[Basis]:
     view = looker.problem.view
+    curves = {name: curve_axis(name, work.features[name], KNOTS) for name in names}
+    maps = {name: curve_axis(name, work.features[name], MAP_KNOTS) for name in names}
     for i, first in enumerate(names):
         for second in names[i + 1 :]:
             price = price_of((first, second)) + PRICE_ONE + PRICE_PRODUCT + _shared_price(work, (first, second))
@@ -170,7 +172,7 @@ def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, l
                 shapes = [plain[kind] for kind in ("linear", "ratio", "log", "inverse") if kind in plain]
                 marks = [m.basis.axes[0] for m in simple.get(one, []) if m.basis.axes[0].kind == "is"]
                 numbered = other in looker.problem.groups.unit_columns
-                curve = None if category or numbered else curve_axis(other, values, KNOTS)
+                curve = None if category or numbered else curves[other]
                 for factor in [*shapes, *marks[:6]]:
                     for table in tables_of(other, values, category=category):
                         if not recurs(work, table, factor):
@@ -181,7 +183,7 @@ def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, l
                             Basis(axes=(b.axes[0], factor), prior=b.prior, price=price + 1.0)
                             for b in curves_of(curve, 0.0)
                         )
-            one_map, other_map = (curve_axis(n, work.features[n], MAP_KNOTS) for n in (first, second))
+            one_map, other_map = maps[first], maps[second]
             if one_map and other_map and not (view.is_category(first) or view.is_category(second)):
                 yield map_of(one_map, other_map, price + 2.0)
                 turns = _best_pair_wave(work, first, second)

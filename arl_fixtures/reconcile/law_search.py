@@ -135,9 +135,10 @@ class _Judged:
         if not self.alike:
             first = [k for _, k in sorted(offers, reverse=True)[:MOST_JUDGED]]
             offers = []
+            new = [k for k in first if k not in self.items]
+            made = Candidates(self.whole, left).add(self.pool.items[k].basis for k in new)
+            self.items.update(zip(new, made, strict=True))
             for k in first:
-                if k not in self.items:
-                    self.items[k] = self.whole.candidate(self.pool.items[k].basis)
                 item = self.items[k]
                 gain, item.width = evidence(item.gram, item.vectors @ left, item.basis.prior)
                 item.gain = gain - item.basis.price
@@ -227,7 +228,7 @@ def narrowed(work: Work, chosen: Chosen, factors: Sequence[Axis]) -> Chosen:
     for place in range(len(chosen.terms)):
         best, basis = chosen, chosen.terms[place].basis
         left = joint(work, [t for k, t in enumerate(chosen.terms) if k != place]).left
-        offers: list[Candidate] = []
+        bases: list[Basis] = []
         for factor in factors:
             mark = is_mark(factor, work)
             if factor.column in basis.columns or not (mark or len(chosen.values[place]) <= MOST_FACTORED):
@@ -237,7 +238,8 @@ def narrowed(work: Work, chosen: Chosen, factors: Sequence[Axis]) -> Chosen:
             waves = tuple((*product, factor) for product in basis.waves)
             axes = basis.axes if waves else (*basis.axes, factor)
             price = basis.price + (PRICE_MARK if mark else PRICE_FACTOR)
-            offers.append(weighed(work, replace(basis, axes=axes, waves=waves, price=price), left))
+            bases.append(replace(basis, axes=axes, waves=waves, price=price))
+        offers = Candidates(work, left).add(bases)
         for item in sorted(offers, key=lambda item: -item.gain)[:MOST_OFFERS]:
             trial = joint(work, [*chosen.terms[:place], item, *chosen.terms[place + 1 :]])
             if trial.held > best.held + FURTHER_GAIN:

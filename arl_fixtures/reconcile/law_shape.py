@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from arl_fixtures.reconcile.law import thresholds
-from arl_fixtures.reconcile.law_fit import Chosen, joint, weighed
+from arl_fixtures.reconcile.law_candidates import Candidates
+from arl_fixtures.reconcile.law_fit import Chosen, joint
 from arl_fixtures.reconcile.law_work import Work
 
 PLACES = tuple(np.linspace(0.04, 0.96, 24))
@@ -26,11 +27,10 @@ def sharpened(work: Work, chosen: Chosen) -> Chosen:
             if axis.kind not in KINKED:
                 continue
             left = joint(work, [t for k, t in enumerate(chosen.terms) if k != place]).left
-            best = chosen
-            for at in _places(work, axis.column):
-                axes = list(chosen.terms[place].basis.axes)
-                axes[number] = replace(axis, at=at)
-                item = weighed(work, replace(chosen.terms[place].basis, axes=tuple(axes)), left)
+            best, basis = chosen, chosen.terms[place].basis
+            placed = [replace(axis, at=at) for at in _places(work, axis.column)]
+            moved = [(*basis.axes[:number], other, *basis.axes[number + 1 :]) for other in placed]
+            for item in Candidates(work, left).add(replace(basis, axes=axes) for axes in moved):
                 trial = joint(work, [*chosen.terms[:place], item, *chosen.terms[place + 1 :]])
                 if trial.held > max(best.held, chosen.held + LEAST_BETTER):
                     best = trial

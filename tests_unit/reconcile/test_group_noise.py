@@ -35,6 +35,17 @@ def test_nested_whitening_is_the_exact_inverse_of_the_covariance(seed, inner, ou
     assert whiten.log_det == pytest.approx(noise, rel=1e-8, abs=1e-8)
 
 
+def test_columns_are_whitened_together_as_one_by_one():
+    rng = np.random.default_rng(5)
+    root, groups = levels(rng, 4, 3, 5)
+    whiten = Whitener(root, groups, {"frame": 0.7, "step": 1.3})
+    x = rng.normal(size=(6, len(root)))
+    z = (root * x).T.copy()
+    whiten.columns(z)
+    together = z.T
+    assert together == pytest.approx(np.stack([whiten(row) for row in x]), rel=1e-12, abs=1e-12)
+
+
 def test_group_scatter_is_estimated_without_bias_and_is_zero_without_groups():
     rng = np.random.default_rng(3)
     weight = np.full(400, 25.0)
