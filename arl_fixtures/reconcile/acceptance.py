@@ -54,9 +54,9 @@ def evidence(ranked: Ranked, surcharge: float) -> float:
     """What counts against the threshold: the gain over no mismatch, and enough over a mere pattern of pixels.
 
     The threshold is the largest gain that chance gives to as many amplitudes, so the first effect on a channel
-    pays no price for them again, up to half of what it gains; nor does one that tells steps apart where those before
-    it act within them, or the reverse. Any other further one does, and more: it may live on what the first one's law
-    does not quite say. As a picture over the pixels it must gain all of the threshold beside their free pattern. A
+    pays no price for them again, up to half of what it gains. A further one does, and more unless it tells steps
+    apart where those before it act within them, or the reverse: it may live on what the first one's law does not
+    quite say. As a picture over the pixels it must gain all of the threshold beside their free pattern. A
     search along a shape pays for its many looks.
     """
     variant = ranked.candidate.term.variant
@@ -64,7 +64,7 @@ def evidence(ranked: Ranked, surcharge: float) -> float:
     before = _before(ranked.fit.terms)
     picture = bool(before) and set(variant.drivers) <= PIXEL_COLUMNS
     sure = min(ranked.gain if picture else ranked.gain / PATTERN_ODDS, ranked.robust)
-    if not before or (ranked.alone and not picture):
+    if not before:
         sure += float(np.clip(0.5 * sure, 0.0, PRICE * amplitudes))
     elif not ranked.alone:
         alike = any(_columns(term) & _columns(ranked.fit.terms[-1]) for term in before)

@@ -45,8 +45,9 @@ UNSHIFTED = frozenset({"is", "ratio", "step", "band", "above", "below", "parity"
 _CELLS = 100_000
 FAR_APART, FAR_BESIDE = 0.9, 0.25
 """Share of the gaps between a column's levels of which half a wave must be longer; of one over two columns."""
-MOST_TURNS = 16.0
-"""Turns of a wave over the span of each of two columns."""
+MOST_TURNS, ALONE_TURNS = 16.0, 24.0
+"""Turns of a wave over the span of each of two columns, and of one column alone."""
+_FINENESS = 0.125
 ALIKE = 0.98
 """Correlation from which two columns are one for the search of pairs."""
 
@@ -98,7 +99,7 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
         alone = [m.basis for n in names for m in pool.items if m.basis.columns == (n,) and not m.basis.waves][:80]
         pool.add(Basis(axes=(*b.axes, signal), prior=b.prior, price=b.price + 1.0) for b in alone)
     pool.add(_pairs(work, looker, names, simple))
-    pool.add(_moving(work, names))
+    pool.add(_moving(work, names, (*ORDERS, *view.temperatures()[:2])))
     lines = [m.basis.axes[0] for n in names for m in simple.get(n, []) if m.basis.axes[0].kind == "linear"]
     numbered = looker.problem.groups.unit_columns
     numeric = [n for n in ranking if not (n in numbered or (not n.startswith(("~", "sim_")) and view.is_category(n)))]
@@ -160,10 +161,12 @@ def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, l
     maps = {name: curve_axis(name, work.features[name], MAP_KNOTS) for name in names}
     for i, first in enumerate(names):
         for second in names[i + 1 :]:
+            apart = {name: _shared_price(work, (name,)) for name in (first, second)}
             price = price_of((first, second)) + PRICE_ONE + PRICE_PRODUCT + _shared_price(work, (first, second))
             for a in _varied(simple.get(first, [])):
                 for b in _varied(simple.get(second, [])):
-                    yield Basis(axes=(*a.basis.axes, *b.basis.axes), price=price)
+                    extra = _nearly_one(a.basis.axes[0], apart[second]) + _nearly_one(b.basis.axes[0], apart[first])
+                    yield Basis(axes=(*a.basis.axes, *b.basis.axes), price=price + extra)
             for one, other in ((first, second), (second, first)):
                 values = work.features[other]
                 category = not other.startswith(("~", "sim_")) and view.is_category(other)
@@ -177,7 +180,8 @@ def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, l
                     for table in tables_of(other, values, category=category):
                         if not recurs(work, table, factor):
                             continue
-                        yield Basis(axes=(table, factor), prior=np.eye(table.count), price=price + 1.0)
+                        extra = _nearly_one(factor, apart[other])
+                        yield Basis(axes=(table, factor), prior=np.eye(table.count), price=price + 1.0 + extra)
                     if curve and (factor is line or factor.kind == "is"):
                         yield from (
                             Basis(axes=(b.axes[0], factor), prior=b.prior, price=price + 1.0)
@@ -191,10 +195,15 @@ def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, l
                     yield Basis(waves=waves_of(first, turns[0], second, turns[1]), price=price + PRICE_PAIR_WAVE)
 
 
-def _moving(work: Work, names: Sequence[str]) -> Iterator[Basis]:
+def _nearly_one(axis: Axis, other: float) -> float:
+    """What a product pays for its other column when that is steady within steps: a ratio hardly changes it there."""
+    return other if axis.kind == "ratio" else 0.0
+
+
+def _moving(work: Work, names: Sequence[str], orders: Sequence[str]) -> Iterator[Basis]:
     """Waves over the image that move from step to step or pose to pose, over which alone nothing is seen."""
     for place in (n for n in IMAGE if n in work.features):
-        for order in (n for n in ORDERS if n in work.features):
+        for order in (n for n in orders if n in work.features):
             if place in names and order in names:
                 continue
             turns = _best_pair_wave(work, place, order)
@@ -279,8 +288,11 @@ def _best_wave(work: Work, name: str) -> float | None:
     if len(levels) < 8 or not good.any():
         return None
     span = float(levels[-1] - levels[0])
-    most = min(len(levels) / 3.0, 24.0, _most_turns(levels))
-    frequencies: FloatArray = np.arange(0.5, most, 0.125, dtype=np.float64) / span
+    if name == "time_s":  # a pump, a fan: images that follow each other closely tell what steps far apart cannot
+        most = min(_most_turns(levels, FAR_BESIDE), max(_FINENESS * _CELLS / len(levels), ALONE_TURNS))
+    else:
+        most = min(len(levels) / 3.0, ALONE_TURNS, _most_turns(levels))
+    frequencies: FloatArray = np.arange(0.5, most, _FINENESS, dtype=np.float64) / span
     direction = work.direction[good]
     score: FloatArray = np.bincount(code, direction * work.residual[good]).astype(np.float64)
     weight: FloatArray = np.bincount(code, direction**2).astype(np.float64)

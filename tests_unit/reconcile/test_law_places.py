@@ -57,10 +57,10 @@ def test_a_pattern_that_wanders_with_the_steps_is_foretold_at_others(law_of):
 
     law = law_of(beat, steps=32)
     v, step = (a.ravel() for a in np.meshgrid(np.arange(0.0, 32.0, 3.0), np.arange(0.5, 12.0, 1.5)))
-    orders = {"step": step, "time_s": 900.0 * step + 18.0}
+    orders = {"step": step, "time_s": 900.0 * step + 18.0, "set_temperature_c": -10.0 + 95.0 * step / 15.0}
     places = {"pixel_v": v, "elevation_deg": (v - 15.5) * 0.86}
     made = said(law, **places, **orders, ramp=np.ones(len(v)))
-    truth = 2.5e-3 * np.sin(2.0 * np.pi * (v / 9.3 + 0.382 * np.where("step" in law.drivers, step, step + 0.02)))
+    truth = 2.5e-3 * np.sin(2.0 * np.pi * (v / 9.3 + 0.382 * np.where("time_s" in law.drivers, step + 0.02, step)))
     assert np.mean((made - truth) ** 2) < 0.2 * np.mean(truth**2)
     cooling = said(law, **places, **orders, ramp=-np.ones(len(v)))
     assert np.mean(cooling**2) < 0.05 * np.mean(truth**2)
