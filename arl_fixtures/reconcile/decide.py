@@ -52,6 +52,7 @@ from arl_fixtures.reconcile.rivals import (
 )
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.search import Found, Search, constant_z
+from arl_fixtures.reconcile.steadiness import is_unsteady
 from arl_fixtures.reconcile.step_means import acts_within_steps, left_in_steps
 from arl_fixtures.reconcile.terms import Term, forward
 
@@ -145,6 +146,8 @@ class Decision:
                       if set(t.variant.channels) & set(pattern.term.variant.channels)]  # fmt: skip
             if calibration or self.patterns or pattern.gain <= max(shares, default=0.0):
                 continue
+            if is_unsteady(self.found.looker, [*self.best.terms, pattern.term], pattern.term):
+                continue
             if shares or not has_other_place(self.found.looker, self.best.terms, pattern):
                 self.patterns.append(pattern)
         if self.patterns:
@@ -186,12 +189,16 @@ class Decision:
         return 0.5 * float(before @ before - after @ after)
 
     def _gate(self) -> None:
-        """Drop the names of channels in which too much stays predictable, or which a law without physics beats."""
+        """Drop the names of channels in which too much stays predictable, or which a law without physics beats.
+
+        And names whose strength is another one under other conditions.
+        """
         if not self.best.terms:
             return
         bad = {d.channel.name for d in self.problem.data if self._is_left(d)}
         bad |= {d.channel.name for d in self.problem.data if d.channel.name not in bad and self._is_beaten(d)}
-        kept = tuple(t for t in self.best.terms if not self._mostly_in(t, bad))
+        unsteady = [t for t in self.best.terms if is_unsteady(self.found.looker, self.terms, t)]
+        kept = tuple(t for t in self.best.terms if not self._mostly_in(t, bad) and t not in unsteady)
         if len(kept) != len(self.best.terms):
             for d in self.problem.data:
                 d.follow(forward(kept, self.problem.view))

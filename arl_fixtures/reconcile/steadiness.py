@@ -1,0 +1,75 @@
+"""Whether a name holds wherever it acts: its strength, fitted anew in each bin of a column, must stay what it is.
+
+An effect's law says how its change varies over the rows. What remains to every bin of a column is one common factor,
+which is 1 for a true effect up to noise, and up to the part by which a real one's shape differs from the library's. A
+name that stands only because its pattern resembles another's on average has a factor that moves with what drives the
+other: a fixed pattern of pixels that comes and goes with the temperature is none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.noise import fit_tau
+from arl_fixtures.reconcile.pilot import Looker
+from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.terms import Term, forward
+
+BINS = 12
+UNSTEADY = 0.35
+"""Standard deviation of a name's factor between bins from which it is not that effect: shapes differ by less."""
+UNSTEADY_GAIN = 6.0
+"""Log-likelihood of such a scatter: among some twenty columns that tell something of their own, chance gives it once
+in two hundred names."""
+
+
+def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
+    """Whether the strength of one of the terms moves by much with a column.
+
+    What displaces rays is left out: at edges its change is as rough as its errors are.
+    """
+    if term.variant.rough or term.effect.displaces:
+        return False
+    problem = looker.problem
+    full, rest = forward(terms, problem.view), forward([t for t in terms if t is not term], problem.view)
+    acting = [
+        d for d in problem.data
+        if full[d.channel.name] is not rest[d.channel.name] and d.channel.role is not Role.SCATTER
+    ]  # fmt: skip
+    if not acting:
+        return False
+    change = [d.whiten(d.expect * (full[d.channel.name] - rest[d.channel.name])[d.use]) for d in acting]
+    power = np.concatenate([c * c for c in change])
+    score = np.concatenate([c * d.whiten(d.residual(full)) for c, d in zip(change, acting, strict=True)])
+    for values in looker.features.values():
+        tau, gain = factor_scatter(np.concatenate([values[d.use] for d in acting]), power, score)
+        if gain > UNSTEADY_GAIN and tau > UNSTEADY:
+            return True
+    return False
+
+
+def factor_scatter(values: FloatArray, power: FloatArray, score: FloatArray) -> tuple[float, float]:
+    """Scatter of a change's factor between the bins of a column, and its gain of log-likelihood.
+
+    Args:
+        values: of the column; power: the whitened change squared; score: times what is left.
+    """
+    code = _bins(values)
+    total, pull = (np.asarray(np.bincount(code, x), dtype=np.float64) for x in (power, score))
+    if total.sum() <= 0.0:
+        return 0.0, 0.0
+    return fit_tau(pull - total * (pull.sum() / total.sum()), total, lost=1.0)
+
+
+def _bins(values: FloatArray) -> IntArray:
+    """Bins of as many rows each, levels where they are few; rows without a value make their own."""
+    seen = np.isfinite(values)
+    levels = np.unique(values[seen])
+    cuts = (levels[1:] + levels[:-1]) / 2.0
+    if len(levels) > BINS:
+        cuts = np.unique(np.quantile(values[seen], np.linspace(0.0, 1.0, BINS + 1)[1:-1]))
+    code = np.searchsorted(cuts, np.where(seen, values, 0.0))
+    return np.where(seen, code, len(cuts) + 1).astype(np.int64)

@@ -1,0 +1,61 @@
+"""A name stands where its effect is the same under every condition, not where it is one on average."""
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from arl_fixtures.reconcile.catalogue import library
+from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.steadiness import factor_scatter
+from arl_fixtures.reconcile.table import columns_of
+
+KNOWN = [library()[name] for name in ("detector.pixel_response", "timing.clock_scale")]
+
+
+def array_in_chamber(seed, bend):
+    """Images of 9 by 7 pixels at 16 temperatures, up and down; `bend` changes what is measured before the noise."""
+    rng = np.random.default_rng(seed)
+    step, v, u = (
+        part.ravel().astype(float) for part in np.meshgrid(*map(np.arange, (16, 7, 9)), indexing="ij")
+    )  # fmt: skip
+    set_c = 85.0 - 12.5 * np.abs(step - 7.5)
+    light, metres = 700.0 + 6.0 * u, 1.0 + 0.07 * ((2.0 * u + 3.0 * v + step) % 11.0)
+    columns = {
+        "step": step, "set_temperature_c": set_c, "time_s": 600.0 * step, "pixel_u": u, "pixel_v": v,
+        "n_frames": np.full(u.size, 10.0), "sim_intensity_counts": light, "sim_distance_m": metres,
+        "sim_intensity_counts_std": 0.02 * light, "sim_distance_m_std": np.full(u.size, 0.006),
+        "sim_intensity_counts_repeat_std": 0.002 * light, "sim_distance_m_repeat_std": np.full(u.size, 2e-4),
+        "intensity_counts": light.copy(), "distance_m": metres.copy(),
+    }  # fmt: skip
+    bend(columns)
+    for name, row, shared in (("intensity_counts", 0.02 * light, 0.002 * light), ("distance_m", 0.006, 2e-4)):
+        noise = row / np.sqrt(10.0) * rng.normal(size=u.size) + shared * rng.normal(size=16)[step.astype(int)]
+        columns[name] = columns[name] + noise
+    return columns_of(pa.table(columns))
+
+
+def named(seed, bend):
+    return [f.effect for f in diagnose(array_in_chamber(seed, bend), effects=KNOWN)[0].findings]
+
+
+def test_pixels_that_differ_in_the_heat_only_are_no_fixed_pattern():
+    pixel = np.random.default_rng(7).normal(size=(7, 9))
+
+    def bend(columns, size, hot):
+        share = size * pixel[columns["pixel_v"].astype(int), columns["pixel_u"].astype(int)]
+        columns["intensity_counts"] *= 1.0 + share * (columns["set_temperature_c"] > hot)
+
+    assert named(1, lambda c: bend(c, 0.006, -99.0)) == ["detector.pixel_response"]
+    assert "detector.pixel_response" not in named(1, lambda c: bend(c, 0.01, 50.0))
+
+
+def test_only_what_moves_scatters_a_factor():
+    rng = np.random.default_rng(8)
+    place, change = np.repeat(np.arange(40.0), 50), rng.normal(0.0, 0.3, 2000)
+    steady, moving = (
+        factor_scatter(place, change**2, change * ((factor - 1.0) * change + rng.normal(size=2000)))
+        for factor in (np.ones(2000), 1.0 + 0.9 * np.sin(0.3 * place))
+    )
+    assert steady[1] < 3.0
+    assert moving[1] > 6.0
+    assert moving[0] == pytest.approx(0.9 / np.sqrt(2.0), rel=0.4)
