@@ -99,6 +99,7 @@ class Decision:
         self.patterns: list[Pattern] = []
         self.laws: list[Law] = []
         self.scatters: list[Scatter] = []
+        self.fallen: dict[str, Law] = {}
         self.after = dict(found.after)
 
     def run(self) -> tuple[list[Finding], dict[str, ChannelFit]]:
@@ -198,6 +199,7 @@ class Decision:
         bad = {d.channel.name for d in self.problem.data if self._is_left(d)}
         bad |= {d.channel.name for d in self.problem.data if d.channel.name not in bad and self._is_beaten(d)}
         unsteady = [t for t in self.best.terms if is_unsteady(self.found.looker, self.terms, t)]
+        self.fallen = dict(self._mismatch_of(t) for t in unsteady)
         kept = tuple(t for t in self.best.terms if not self._mostly_in(t, bad) and t not in unsteady)
         if len(kept) != len(self.best.terms):
             for d in self.problem.data:
@@ -208,6 +210,15 @@ class Decision:
             self.patterns = []  # found beside what does not stand
             self._look()
             self._add_patterns()
+
+    def _mismatch_of(self, term: Term) -> tuple[str, Law]:
+        """Channel that a term moves most, and a law without terms: what passed for a name is a mismatch for sure."""
+        energy = self.energy(term)
+        name = max(energy, key=lambda n: energy[n], default=term.variant.channels[0])
+        drivers = [c for c in term.variant.drivers if c in self.found.looker.features] or list(term.variant.drivers)
+        relative = any(d.channel.name == name and d.channel.role is not Role.DISTANCE for d in self.problem.data)
+        gain = plain_gain(self.problem, self.best.terms, term)
+        return name, Law(channel=name, relative=relative, terms=[], drivers=drivers, gain=gain)
 
     def _is_beaten(self, d: ChannelData) -> bool:
         """Whether an empirical law explains a channel clearly better than its names; each pays for its parameters."""
@@ -261,6 +272,7 @@ class Decision:
                 except np.linalg.LinAlgError as error:  # costs this law, not the answer
                     self.search.failed[f"law of {name}"] = f"was not found: {error}"
                     continue
+                law = law or (None if acted else self.fallen.get(name))
                 # trees beside a name only mend its shape, and so does what says the same in other words
                 if law is None or (acted and (not law.terms or says_the_same(acting, law.drivers))):
                     continue
