@@ -82,3 +82,15 @@ def test_answers_that_are_lost_by_chance_are_no_mismatch(make_table, save, tmp_p
         table["sim_valid_fraction"] = np.full(len(table["step"]), 0.97)
         diagnosis, _, _ = diagnose(load_table(save(tmp_path / "table.parquet", table)))
         assert [f.effect for f in diagnosis.findings] == []
+
+
+def test_dead_pixels_are_no_gains_of_minus_one_where_the_living_ones_agree(tmp_path, make_table, save, knows_only):
+    """The converter goes on reading noise about zero where a bond broke."""
+    knows_only("detector.dead_pixels", "detector.pixel_response")
+
+    def broken(columns, _rng):
+        gone = np.isin(pixels_of(columns), [3, 9]) & (columns["dut"] == "S1")
+        columns["intensity_counts"] = np.where(gone, 0.0, columns["intensity_counts"])
+
+    table = save(tmp_path / "t.parquet", make_table(91, broken, steps=6))
+    assert [f.effect for f in reconcile(table, tmp_path / "out").findings] == ["detector.dead_pixels"]
