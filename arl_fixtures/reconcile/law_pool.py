@@ -63,17 +63,18 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
         category = not name.startswith(("~", "sim_")) and view.is_category(name)
         labels = view.labels(name) if category else ()
         extra = price_of((name,)) + _shared_price(work, (name,))
+        numbered = name in looker.problem.groups.unit_columns  # a number of a zone is a name, not a size
         bases = [
             Basis(axes=(axis,), price=PRICE_ONE + extra)
             for axis in axes_of(name, values, labels)
-            if axis.kind not in {"sin", "cos"}
+            if axis.kind not in {"sin", "cos"} and (category or not numbered)
         ]
         bases += [
             Basis(axes=(axis,), prior=np.eye(axis.count), price=PRICE_CURVE + extra)
             for axis in tables_of(name, values, category=category)
             if recurs(work, axis)
         ]
-        if not category and name not in looker.problem.groups.unit_columns:
+        if not category and not numbered:
             curve = curve_axis(name, values, KNOTS)
             bases += list(curves_of(curve, PRICE_CURVE + extra)) if curve else []
             fine = curve_axis(name, values, FINE_KNOTS)
@@ -101,8 +102,8 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
     pool.add(_pairs(work, looker, names, simple))
     pool.add(_moving(work, names, (*ORDERS, *view.temperatures()[:2])))
     lines = [m.basis.axes[0] for n in names for m in simple.get(n, []) if m.basis.axes[0].kind == "linear"]
-    numbered = looker.problem.groups.unit_columns
-    numeric = [n for n in ranking if not (n in numbered or (not n.startswith(("~", "sim_")) and view.is_category(n)))]
+    units = looker.problem.groups.unit_columns
+    numeric = [n for n in ranking if not (n in units or (not n.startswith(("~", "sim_")) and view.is_category(n)))]
     pool.add(bands_of(work, numeric, lines))
     pool.add(_refined(work, looker, pool.items))
     return pool
