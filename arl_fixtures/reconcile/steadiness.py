@@ -19,8 +19,9 @@ from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.terms import Term, forward
 
 BINS = 12
-UNSTEADY = 0.35
-"""Standard deviation of a name's factor between bins from which it is not that effect: shapes differ by less."""
+UNSTEADY = 0.3
+"""Standard deviation of a name's factor between bins, each counting by what the name changes there, from which it is
+not that effect: shapes differ by less."""
 UNSTEADY_GAIN = 6.0
 """Log-likelihood of such a scatter: among some twenty columns that tell something of their own, chance gives it once
 in two hundred names."""
@@ -52,7 +53,10 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
 
 
 def factor_scatter(values: FloatArray, power: FloatArray, score: FloatArray) -> tuple[float, float]:
-    """Scatter of a change's factor between the bins of a column, and its gain of log-likelihood.
+    """Scatter of a change's factor between the bins of a column, and what a scatter gains in log-likelihood.
+
+    The scatter is beyond what noise makes. Each bin counts by the change's power in it: where an effect hardly acts
+    (a beam that moves, in its middle), a small error is a large factor.
 
     Args:
         values: of the column; power: the whitened change squared; score: times what is left.
@@ -61,7 +65,11 @@ def factor_scatter(values: FloatArray, power: FloatArray, score: FloatArray) -> 
     total, pull = (np.asarray(np.bincount(code, x), dtype=np.float64) for x in (power, score))
     if total.sum() <= 0.0:
         return 0.0, 0.0
-    return fit_tau(pull - total * (pull.sum() / total.sum()), total, lost=1.0)
+    pull = pull - total * (pull.sum() / total.sum())
+    gain = fit_tau(pull, total, lost=1.0)[1]
+    there = total > 0.0
+    beyond = float(np.sum(pull[there] ** 2 / total[there])) - (int(there.sum()) - 1)
+    return float(np.sqrt(max(beyond, 0.0) / total.sum())), gain
 
 
 def _bins(values: FloatArray) -> IntArray:

@@ -59,3 +59,15 @@ def test_only_what_moves_scatters_a_factor():
     assert steady[1] < 3.0
     assert moving[1] > 6.0
     assert moving[0] == pytest.approx(0.9 / np.sqrt(2.0), rel=0.4)
+
+
+def test_bins_in_which_a_name_hardly_acts_decide_nothing():
+    """A small error of a law is a large factor where the law says next to nothing, however sure it is."""
+    rng = np.random.default_rng(4)
+    place = np.repeat(np.arange(12.0), 400)
+    change = np.where(place < 9, 20.0, 0.5)
+    left = np.where(place < 9, 0.0, 0.6) + rng.normal(size=place.size)
+    scatter, _ = factor_scatter(place, change**2, change * left)
+    assert scatter < 0.1
+    worse, _ = factor_scatter(place, change**2, change * (left + 0.5 * change * (place > 6)))
+    assert worse > 0.15
