@@ -15,6 +15,8 @@ FEWEST, LEAST_SHARE = 10, 0.003
 """Rows, and their share of a channel's, that stand at a ceiling at least."""
 STANDS_OUT = 5.0
 """How many times the rows just below a ceiling must be fewer than those at it: rounded values pile up everywhere."""
+AGREES = 0.05
+"""Share by which recorded values differ from a simulation's ceiling where both stand at one."""
 FRAMES_OFF = 2.0
 """Scatters of a frame below a ceiling from which frames feel it."""
 
@@ -46,6 +48,8 @@ def leave_out_ceilings(
             continue
         simulated = numbers[f"sim_{name}"]
         top, cut = ceiling_of(numbers[name]), ceiling_of(simulated)
+        if cut is not None and not _stands_there(numbers[name][simulated >= cut], cut):
+            cut = None  # a curve that was drawn on beyond its end, not a converter's
         if top is None and cut is None:
             continue
         over = np.zeros(len(simulated), dtype=bool)
@@ -66,6 +70,11 @@ def leave_out_ceilings(
             f"they are not compared"
         )
     return found
+
+
+def _stands_there(measured: FloatArray, top: float) -> bool:
+    good = measured[np.isfinite(measured)]
+    return bool(len(good)) and abs(float(np.median(good)) / top - 1.0) < AGREES
 
 
 def under_ceiling(values: FloatArray, simulated: FloatArray, top: float) -> FloatArray:

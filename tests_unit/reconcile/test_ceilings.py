@@ -37,9 +37,20 @@ def test_a_prediction_stays_below_the_end_of_the_scale():
 
 def test_a_simulation_that_stops_tells_nothing_there_though_the_recording_goes_on():
     rng = np.random.default_rng(5)
-    true = rng.uniform(100.0, 1400.0, 4000)
+    true = rng.uniform(100.0, 1060.0, 4000)
     numbers = {"intensity_counts": true * 0.97, "sim_intensity_counts": np.minimum(true, 1000.0)}
     assert leave_out_ceilings(numbers, ("intensity_counts",), {}) == {"intensity_counts": 1000.0}
     seen = np.isfinite(numbers["intensity_counts"])
     assert true[seen].max() < 1000.0
     assert true[~seen].min() >= 1000.0
+
+
+def test_a_curve_that_is_drawn_on_beyond_its_end_is_no_ceiling():
+    """The simulation knows a laser up to 2 A and stays there; the warm laser gives half of it."""
+    current = np.linspace(0.5, 2.4, 600)
+    numbers = {
+        "photodiode_a": 0.3 * np.maximum(current - 1.4, 0.0),
+        "sim_photodiode_a": 0.3 * np.maximum(np.minimum(current, 2.0) - 1.0, 0.0),
+    }
+    assert leave_out_ceilings(numbers, ("photodiode_a",), {}) == {}
+    assert np.isfinite(numbers["photodiode_a"]).all()
