@@ -100,6 +100,7 @@ class Decision:
         self.laws: list[Law] = []
         self.scatters: list[Scatter] = []
         self.fallen: dict[str, Law] = {}
+        self.refused: set[str] = set()
         self.after = dict(found.after)
 
     def run(self) -> tuple[list[Finding], dict[str, ChannelFit]]:
@@ -200,6 +201,7 @@ class Decision:
         bad |= {d.channel.name for d in self.problem.data if d.channel.name not in bad and self._is_beaten(d)}
         unsteady = [t for t in self.best.terms if is_unsteady(self.found.looker, self.terms, t)]
         self.fallen = dict(self._mismatch_of(t) for t in unsteady)
+        self.refused = {t.effect.id for t in unsteady}
         kept = tuple(t for t in self.best.terms if not self._mostly_in(t, bad) and t not in unsteady)
         if len(kept) != len(self.best.terms):
             for d in self.problem.data:

@@ -265,10 +265,11 @@ def _nearest(decision: Decision, channel: str) -> list[Alternative]:
             effect = r.fit.terms[-1].effect.id
             if channel in r.fit.terms[-1].variant.channels and all(a.effect != effect for a in near):
                 share = float(min(max(r.gain, 0.0) / ceiling_gain, 1.0))
+                but = ", by another strength under other conditions" if effect in decision.refused else ""
                 near.append(
                     Alternative(
                         effect=effect, gain=share, indistinguishable=False,
-                        reason=f"explains {100 * share:.0f} % of what the columns predict",
+                        reason=f"explains {100 * share:.0f} % of what the columns predict{but}",
                     )
                 )  # fmt: skip
     return near[:4]
