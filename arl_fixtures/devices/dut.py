@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from arl_fixtures.devices.dut_status import DutSilentError, DutStatus, FrozenFrameError
+from arl_fixtures.devices.frozen_frames import repeats
 from arl_fixtures.devices.idling import Breaks, Idle, nothing
 from arl_fixtures.devices.interfaces import Identity
 from arl_fixtures.devices.port import Clock, Datagram, DatagramPort
@@ -24,8 +25,6 @@ from arl_fixtures.protocols.hfl110 import FRAME_PERIOD_S, ROWS, Hfl110Wire, deco
 from arl_fixtures.protocols.hfl110_telemetry import Telemetry, decode_telemetry
 from arl_fixtures.protocols.operating_record import OperatingRecord, decode_record
 
-PIXELS: Final = slice(92, 1116)
-"""Bytes of a packet that hold ranges and intensities."""
 LONGEST_BACKLOG_S: Final = 1.0
 """Frames that lie unread longer than this are not worth reading: newer ones come at once."""
 CATCH_UP_S: Final = 0.02
@@ -346,7 +345,7 @@ class HflReceiver:
             return
         # a dark sensor is not frozen
         lit = [sensor for sensor in wanted if blocks[sensor.serial].intensity_counts.any()]
-        frozen = [sensor for sensor in lit if _repeats(sensor.previous, sensor.frames[:n_frames])]
+        frozen = [sensor for sensor in lit if repeats(sensor.previous, sensor.frames[:n_frames])]
         for sensor in lit:
             sensor.previous = sensor.frames[n_frames - 1]
         if frozen:
@@ -382,22 +381,3 @@ class HflReceiver:
         if sensor.telemetry is not None and sensor.telemetry.serial != sensor.serial:
             return f"calls itself '{sensor.telemetry.serial}'"
         return ""
-
-
-def _repeats(previous: AssembledFrame | None, frames: Sequence[AssembledFrame]) -> bool:
-    """Whether any frame carries the pixels of the one before it; `previous` was the last of the set before."""
-    pairs = zip([previous, *frames[:-1]], frames, strict=True)
-    return any(first is not None and _same_pixels(first, second) for first, second in pairs)
-
-
-def _same_pixels(first: AssembledFrame, second: AssembledFrame) -> bool:
-    """Whether two frames carry the same pixels, in the rows that both have."""
-    compared = False
-    for one, other in zip(first.rows, second.rows, strict=True):
-        if one is None or other is None:
-            continue
-        # noise makes the very first row differ in a sensor that is alive, so this ends there
-        if one[PIXELS] != other[PIXELS]:
-            return False
-        compared = True
-    return compared
