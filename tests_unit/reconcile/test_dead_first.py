@@ -2,9 +2,13 @@
 
 import numpy as np
 import pyarrow.parquet as pq
+import pytest
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.command import predict, reconcile
+from arl_fixtures.reconcile.dead import dead_first
+from arl_fixtures.reconcile.patterns import find_patterns
+from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import load_table
 
@@ -84,13 +88,20 @@ def test_answers_that_are_lost_by_chance_are_no_mismatch(make_table, save, tmp_p
         assert [f.effect for f in diagnosis.findings] == []
 
 
-def test_dead_pixels_are_no_gains_of_minus_one_where_the_living_ones_agree(tmp_path, make_table, save, knows_only):
-    """The converter goes on reading noise about zero where a bond broke."""
-    knows_only("detector.dead_pixels", "detector.pixel_response")
+@pytest.mark.parametrize(("uneven", "sparse"), [(0.0, True), (0.05, False)])
+def test_dead_pixels_are_gains_of_minus_one_only_where_the_living_ones_differ_too(
+    tmp_path, make_table, save, uneven, sparse
+):
+    """A free gain also follows a dead pixel's noise, and so may gain a little more than its death."""
 
-    def broken(columns, _rng):
-        gone = np.isin(pixels_of(columns), [3, 9]) & (columns["dut"] == "S1")
-        columns["intensity_counts"] = np.where(gone, 0.0, columns["intensity_counts"])
+    def broken(columns, rng):
+        pixel = pixels_of(columns)
+        gone = np.isin(pixel, [3, 9]) & (columns["dut"] == "S1")
+        light = columns["intensity_counts"] * (1.0 + uneven * rng.normal(size=pixel.max() + 1))[pixel]
+        columns["intensity_counts"] = np.where(gone, 0.0, light)
 
-    table = save(tmp_path / "t.parquet", make_table(91, broken, steps=6))
-    assert [f.effect for f in reconcile(table, tmp_path / "out").findings] == ["detector.dead_pixels"]
+    effects = [library()[name] for name in ("detector.dead_pixels", "detector.pixel_response")]
+    problem = Problem(load_table(save(tmp_path / "t.parquet", make_table(91, broken, steps=6))))
+    found = sorted(find_patterns(problem, effects, ()), key=lambda p: p.term.effect.sparse)
+    assert [p.term.effect.sparse for p in found] == [False, True]
+    assert dead_first(problem, effects, (), found)[0].term.effect.sparse is sparse
