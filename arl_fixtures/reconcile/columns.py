@@ -46,6 +46,7 @@ class Columns:
         numbers: numeric columns (measured, `sim_`, covariates, booleans excluded) as float64, NaN where not observed.
         categories: text, boolean and identifier columns as codes (−1 = null) and sorted labels.
         channels: what can be compared.
+        derived: columns that the table lacks and its simulation shows, for effects only.
         ignored: column to the reason why it is not used.
         ceilings: channel to the end of its scale, where rows stand at it.
         sweep_gap_deg, frame_gap_s: farther apart, rows are no neighbours in the sweep or in time.
@@ -62,6 +63,7 @@ class Columns:
     sweep_gap_deg: float = np.inf
     frame_gap_s: float = np.inf
     record: IntArray | None = None
+    derived: dict[str, FloatArray] = field(default_factory=dict)
     memo: dict[object, Any] = field(default_factory=dict)
     _groups: dict[tuple[str, ...], IntArray] = field(default_factory=dict)
     _relations: dict[tuple[object, ...], IntArray] = field(default_factory=dict)

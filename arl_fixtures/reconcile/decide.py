@@ -43,6 +43,7 @@ from arl_fixtures.reconcile.rivals import (
     LEAST_Z,
     has_other_place,
     is_outdone,
+    lies_where_names_act,
     mends_the_same,
     needed_by_law,
     pictures_beside,
@@ -179,6 +180,7 @@ class Decision:
         """Whether so much stays predictable that the names of a channel cannot stand."""
         acting = [t for t in self.best.terms if d.channel.name in self.energy(t)]
         same = mends_the_same(acting, self.after[d.channel.name].leading())
+        same = same or lies_where_names_act(self.problem, d, acting, self.terms)
         if self.left_share(d.channel.name) <= (LEFT_AT_EDGES if same else LEFT_SHARE):
             return False
         return is_structure(self.after[d.channel.name]) or not acts_within_steps(self.problem, d, self.terms)

@@ -59,8 +59,9 @@ def has_rays(view: View) -> bool:
 
 def ray_column(view: View, name: str) -> FloatArray:
     """Azimuth or elevation of every row of the whole table, zeros where it has none; degrees."""
-    numbers = view.columns.numbers
-    return np.nan_to_num(numbers[name]) if name in numbers else np.zeros(view.columns.n)
+    numbers, derived = view.columns.numbers, view.columns.derived
+    values = numbers.get(name, derived.get(name))
+    return np.zeros(view.columns.n) if values is None else np.nan_to_num(values)
 
 
 def azimuth(view: View) -> FloatArray:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ive
 
+from arl_fixtures.reconcile.calibrated import apart, uneven
 from arl_fixtures.reconcile.effects_camera import camera_of
 from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, signals
 from arl_fixtures.reconcile.effects_rays import NOMINAL, Optics, Pose, Spots, look, rays_of
@@ -79,22 +80,22 @@ def is_sharp(view: View) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Sample:
-    """Spots of one DUT with their simulated light (without the beam, logarithm) and range."""
+    """Spots of one DUT with their simulated light, the beam's light on them, and their simulated range."""
 
     spots: Spots
-    bright: FloatArray
+    light: FloatArray
+    beam: FloatArray
     range_m: FloatArray
     pixel: IntArray
 
     def off(self, optics: Optics, height_m: float) -> tuple[FloatArray, FloatArray]:
-        """Logarithm of light and range that a bench leaves; NaN where not seen."""
+        """Logarithm of light and range that a bench leaves after a calibration; NaN where not seen."""
         spots = self.spots
         placed = Spots(
             u=spots.u, v=spots.v, stage_deg=spots.stage_deg, height_m=np.full(spots.u.size, height_m)
         )  # fmt: skip
         light, moment = look(optics, placed)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return self.bright - np.log(light), self.range_m - moment / light
+        return uneven(self.light, self.beam * light), apart(self.range_m, moment / light)
 
 
 def _recognise(view: View) -> Bench | None:
@@ -112,8 +113,7 @@ def _recognise(view: View) -> Bench | None:
     unit = 1e3 if distances(view)[0].endswith("_mm") else 1.0
     device = table.group("dut")[first]
     soft = Optics(camera=camera, rays=_SOFT_RAYS, soft_rad=1.0 / (_SOFT_RAYS * camera.fx), scene=SceneSettings())
-    with np.errstate(invalid="ignore", divide="ignore"):
-        bright = np.log(table.numbers[f"sim_{signals(view)[0]}"][first]) - camera.log_beam(u, v)
+    light, beam = table.numbers[f"sim_{signals(view)[0]}"][first], np.exp(camera.log_beam(u, v))
     range_m = table.numbers[f"sim_{distances(view)[0]}"][first] / unit
     heights, samples = np.zeros(first.size), []
     for dut in range(int(device.max()) + 1):
@@ -121,7 +121,9 @@ def _recognise(view: View) -> Bench | None:
         some = mine[np.unique(np.linspace(0, mine.size - 1, min(_CHECKED, mine.size)).astype(np.int64))]
         spots = Spots(u=u, v=v, stage_deg=stage, height_m=heights).take(some)
         pixel = np.unique(spots.u * 4096.0 + spots.v, return_inverse=True)[1]
-        sample = _Sample(spots=spots, bright=bright[some], range_m=range_m[some], pixel=pixel)
+        sample = _Sample(
+            spots=spots, light=light[some], beam=beam[some], range_m=range_m[some], pixel=pixel
+        )  # fmt: skip
         height = _height(sample, soft)
         if height is None:
             return None
@@ -163,16 +165,16 @@ def _misfit(sample: _Sample, soft: Optics, height_m: float) -> float:
     seen = np.isfinite(bright) & np.isfinite(away)
     if seen.sum() < _FEWEST:
         return np.inf
-    uneven, away = np.abs(bright - np.median(bright[seen]))[seen], np.abs(away[seen])
-    if np.median(away) > 3e-3 or np.median(uneven) > 0.03:
+    dim, away = np.abs(bright[seen]), np.abs(away[seen])
+    if np.median(away) > 3e-3 or np.median(dim) > 0.03:
         return np.inf
-    return float(np.mean(np.minimum(uneven, 0.5)) + np.mean(np.minimum(away, 0.05)))
+    return float(np.mean(np.minimum(dim, 0.5)) + np.mean(np.minimum(away, 0.05)))
 
 
 def _unequal(bright: FloatArray, away: FloatArray, pixel: IntArray) -> float:
     """Share of rows in which light or range differ by more than rounding, but for a calibration."""
     seen = np.isfinite(bright) & np.isfinite(away)
-    whole = [np.abs(values - np.median(values[seen])) for values in (bright, away)]
+    whole = [np.abs(bright), np.abs(away)]
     each = [np.abs(_less_pixel(values, seen, pixel)) for values in (bright, away)]
     shares = [
         float(np.mean(((light > _SHARP_LIGHT) | (far > _SHARP_RANGE_M))[seen & np.isfinite(light)]))

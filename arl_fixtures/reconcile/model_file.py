@@ -15,6 +15,7 @@ from arl_fixtures.reconcile.boosting import Tree
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.ceilings import under_ceiling
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.derived_rays import derive_rays
 from arl_fixtures.reconcile.diagnosis import Diagnosis
 from arl_fixtures.reconcile.effect import Parameter, State, Variant
 from arl_fixtures.reconcile.features import category_id, features_of
@@ -101,6 +102,7 @@ class ModelFile(FileModel):
     unseen_units: dict[str, float] = Field(default_factory=dict)
     relative: list[str] = Field(default_factory=list)
     ceilings: dict[str, float] = Field(default_factory=dict)
+    rays_derived: bool = False
     sweep_gap_deg: float | None = None
     frame_gap_s: float | None = None
 
@@ -108,6 +110,7 @@ class ModelFile(FileModel):
 def model_of(
     diagnosis: Diagnosis, unit_columns: tuple[str, ...], relative: tuple[str, ...], gaps: tuple[float, float],
     ceilings: Mapping[str, float] | None = None, units: tuple[list[str], dict[str, float]] | None = None,
+    *, rays_derived: bool = False,
 ) -> ModelFile:  # fmt: skip
     """What to write for a diagnosis.
 
@@ -118,6 +121,7 @@ def model_of(
         gaps: how far apart neighbours in the sweep (degrees) and in time (seconds) may lie.
         ceilings: ends of channels' scales.
         units: those that were compared, and by channel the constant of others.
+        rays_derived: whether the rays' directions were those of the nominal bench, which the table did not give.
     """
     return ModelFile(
         unit_columns=list(unit_columns),
@@ -128,6 +132,7 @@ def model_of(
         unseen_units=units[1] if units else {},
         relative=list(relative),
         ceilings=dict(ceilings or {}),
+        rays_derived=rays_derived,
         sweep_gap_deg=gaps[0] if np.isfinite(gaps[0]) else None,
         frame_gap_s=gaps[1] if np.isfinite(gaps[1]) else None,
     )
@@ -206,6 +211,8 @@ def terms_of(model: ModelFile, view: View, path: Path) -> list[Term]:
         DataError: the table lacks a column that an effect needs.
     """
     entries = library()
+    if model.rays_derived:
+        derive_rays(view.columns, known=True)
     view.columns.sweep_gap_deg = np.inf if model.sweep_gap_deg is None else model.sweep_gap_deg
     view.columns.frame_gap_s = np.inf if model.frame_gap_s is None else model.frame_gap_s
     terms = []

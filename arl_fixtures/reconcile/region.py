@@ -52,7 +52,7 @@ def columns_as_drivers(names: Sequence[str], view: View) -> list[str]:
         elif name.startswith("~edge"):
             parts = ["pixel_u", "pixel_v"]
         elif name in FIELD_COLUMNS:
-            rays = all(view.varies(ray) for ray in ("azimuth_deg", "elevation_deg"))
+            rays = all(view.varies(r) and r not in view.columns.derived for r in ("azimuth_deg", "elevation_deg"))
             parts = ["azimuth_deg", "elevation_deg"] if rays else ["pixel_u", "pixel_v"]
         elif name.startswith("~frame"):
             parts = ["stage_angle_deg", re.sub(r"~frame\((.*)\)", r"\1", name)]

@@ -23,6 +23,15 @@ NEIGHBOURS = ("~edge", "~sweep", "~before", "~frame")
 AT_EDGES = (*NEIGHBOURS, "mixed")
 MIXED_SHARE = 2.0
 """The share for a law of neighbouring rows where the name mixes rows with their neighbours: it says the same."""
+_MEDIAN_OF_SQUARE = 0.4549  # of a standard normal deviate
+_PLACES = {
+    *PIXEL_COLUMNS, *FIELD_COLUMNS, "stage_angle_deg", "surface", "reflectance", "true_range_m", "incidence_deg",
+    "distance_m", "distance_mm",
+}  # fmt: skip
+"""What tells where in a scene a row looks: by these an edge is found that something moves."""
+ACTS_ON, ACTS_AT_MOST, LEFT_THERE = 0.99, 0.3, 0.9
+"""Share of a name's power in the rows on which it acts, the largest share of rows that these are, and the share of
+what is left in excess of noise that must lie in them."""
 LEAST_Z = 2.0
 """Significance over blocks below which what is gained on unseen ones is a single block's."""
 PICTURE_SHARE = 0.3
@@ -30,13 +39,43 @@ PICTURE_SHARE = 0.3
 
 
 def says_the_same(acting: Sequence[Term], columns: Sequence[str]) -> bool:
-    """Whether a law describes by its columns what a name does: mix rows with those next to them."""
-    return any(c.startswith(NEIGHBOURS) for c in columns) and any(t.effect.mixes for t in acting)
+    """Whether a law describes by its columns what a name does: mix rows with those next to them, or move them there.
+
+    What moves a scene tells of neighbours by its own drivers: a law of others tells of another cause.
+    """
+    if not any(c.startswith(NEIGHBOURS) for c in columns):
+        return False
+    if any(t.effect.mixes for t in acting):
+        return True
+    moved = [t for t in acting if t.effect.displaces]
+    known = {_kind_of(c) for t in moved for c in t.variant.drivers} | _PLACES
+    return bool(moved) and {_kind_of(c) for c in columns if not c.startswith(AT_EDGES)} <= known
 
 
 def mends_the_same(acting: Sequence[Term], leading: Sequence[str]) -> bool:
-    """Whether what names leave that mix rows with their neighbours lies at edges again: it is their shape."""
-    return all(t.effect.mixes for t in acting) and all(c.startswith(AT_EDGES) for c in leading[:2])
+    """Whether what names leave that mix rows with their neighbours, or move them, lies at edges again."""
+    near = all(t.effect.mixes or t.effect.displaces for t in acting)
+    return near and all(c.startswith(AT_EDGES) for c in leading[:2])
+
+
+def lies_where_names_act(problem: Problem, d: ChannelData, acting: Sequence[Term], terms: Sequence[Term]) -> bool:
+    """Whether what is left of a channel lies in the few rows at edges which names mix or move.
+
+    How the light of a pixel divides between two surfaces is known in part only, be it from neighbours or from rays
+    that are not the simulation's own: a right name leaves that share of what it does, and in the same rows.
+    """
+    if not acting or not all(t.effect.mixes or t.effect.displaces for t in acting):
+        return False
+    state = forward(terms, problem.view)
+    before = forward([t for t in terms if t not in acting], problem.view)
+    name = d.channel.name
+    power = (d.root_weight * d.expect * (state[name] - before[name])[d.use]) ** 2
+    square = (d.root_weight * d.residual(state)) ** 2
+    excess = square - float(np.median(square)) / _MEDIAN_OF_SQUARE
+    order = np.argsort(-power)
+    acted = order[: int(np.searchsorted(np.cumsum(power[order]), ACTS_ON * float(power.sum()))) + 1]
+    few = len(acted) < ACTS_AT_MOST * len(power)
+    return few and float(excess[acted].sum()) > LEFT_THERE * max(float(excess.sum()), 0.0)
 
 
 def needed_by_law(named: float, plain: float, acting: Sequence[Term], columns: Sequence[str]) -> float:

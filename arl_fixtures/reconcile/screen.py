@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.derived_rays import as_the_table_says
 from arl_fixtures.reconcile.direct import loss, outwards, undiminished
 from arl_fixtures.reconcile.effect import Effect, Kind, State, Variant
 from arl_fixtures.reconcile.problem import Problem
@@ -104,7 +105,9 @@ def all_variants(
         if effect.kind is not Kind.MEAN:
             continue
         try:
-            variants = [v for v in effect.variants(problem.view) if names & set(v.channels)]
+            variants = [
+                as_the_table_says(v, problem.view) for v in effect.variants(problem.view) if names & set(v.channels)
+            ]
             variants = [v for v in variants if not any(p.per for p in v.parameters)]
             for variant in variants:
                 term = Term(effect=effect, variant=variant, values=default_values(variant, amplitude=0.1))

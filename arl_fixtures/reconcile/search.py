@@ -26,6 +26,7 @@ from arl_fixtures.reconcile.acceptance import (
 )
 from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.dead import leave_out_dead
+from arl_fixtures.reconcile.derived_rays import derive_rays
 from arl_fixtures.reconcile.effect import Effect, State
 from arl_fixtures.reconcile.fit import Fit, finish, fit, hold_back_edges
 from arl_fixtures.reconcile.grouping import find_groups, typical_gaps
@@ -101,6 +102,7 @@ class Search:
     def __init__(self, columns: Columns, effects: Sequence[Effect], progress: Progress | None = None) -> None:
         self.progress: Progress = progress if progress is not None else (lambda _text, _share: None)
         self.columns = columns
+        derive_rays(columns)
         columns.sweep_gap_deg, columns.frame_gap_s = typical_gaps(columns)
         self.groups = find_groups(columns)
         self.full = Problem(columns, draw_rows(columns, self.groups, FULL_ROWS), self.groups)
@@ -122,8 +124,7 @@ class Search:
         rows = draw_rows(self.columns, self.groups, SMALL_ROWS)
         inside = np.intersect1d(rows, self.full.view.rows)
         if len(inside) < 0.5 * SMALL_ROWS:
-            step = self.full.view.n / SMALL_ROWS
-            inside = self.full.view.rows[(np.arange(SMALL_ROWS) * step).astype(int)]
+            inside = self.full.view.rows[(np.arange(SMALL_ROWS) * (self.full.view.n / SMALL_ROWS)).astype(int)]
         small = Problem(self.columns, inside, self.groups)
         for part in small.data:
             whole = next(d for d in self.full.data if d.channel.name == part.channel.name)

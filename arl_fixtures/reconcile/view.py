@@ -61,14 +61,20 @@ class View:
 
     def has(self, *names: str) -> bool:
         """Whether the table has all these columns (covariates, `sim_` columns or channels)."""
-        return all(name in self.columns.numbers or name in self.columns.categories for name in names)
+        table = self.columns
+        return all(name in table.numbers or name in table.categories or name in table.derived for name in names)
 
     def number(self, name: str) -> FloatArray:
         """A numeric column on the rows under work (NaN where not observed). Never a measured column in an effect."""
         if name not in self._cache:
-            values = self.columns.numbers[name]
+            values = self._whole(name)
             self._cache[name] = values if self._all else values[self.rows]
         return self._cache[name]
+
+    def _whole(self, name: str) -> FloatArray:
+        """A numeric column of the whole table, or one that its simulation shows."""
+        derived = self.columns.derived
+        return derived[name] if name in derived else self.columns.numbers[name]
 
     def codes(self, name: str) -> tuple[IntArray, tuple[str, ...]]:
         """Codes (−1 = null) and labels of a category column (`surface`, `dut`, `mixed` as 'false'/'true', …)."""
@@ -93,7 +99,7 @@ class View:
 
     def varies(self, name: str) -> bool:
         """Whether a numeric column of the whole table takes at least two finite values."""
-        if name not in self.columns.numbers:
+        if name not in self.columns.numbers and name not in self.columns.derived:
             return False
         return self._of_column("varies", name, _varies)
 
@@ -109,7 +115,7 @@ class View:
         """What `make` finds of a numeric column of the whole table, once per table."""
         memo, key = self.columns.memo, ("of column", what, name)
         if key not in memo:
-            memo[key] = make(self.columns.numbers[name])
+            memo[key] = make(self._whole(name))
         found: Of = memo[key]
         return found
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.effect import Stage, Values, Variant
 from arl_fixtures.reconcile.effects_common import FloatArray, LightFactor, amplitude, light_channels, shape, signals
+from arl_fixtures.reconcile.effects_illumination import ray_column
 from arl_fixtures.reconcile.view import View
 
 
@@ -120,7 +121,7 @@ def _axis(view: View, letter: str) -> str:
         return ""
     if not view.varies(other):
         return _RAYS[letter]
-    rays = np.nan_to_num(view.columns.numbers[_RAYS[letter]])
+    rays = ray_column(view, _RAYS[letter])
     line = view.columns.group(other)
     mean = np.bincount(line, rays) / np.maximum(np.bincount(line), 1)
     return _RAYS[letter] if np.var(rays - mean[line]) > 0.5 * np.var(rays) else ""
