@@ -26,8 +26,11 @@ FIRST_SIZE, LAST_SIZE, RATIO, FINE_RATIO = 0.001, 30.0, 2.0, 1.25
 near its optimum: from the size on that changes anything visible its sizes are closer."""
 SEEN = 4.0
 """Squared change (standard errors) from which a trial is visible."""
-HOPELESS = 25.0
-"""A direction whose gain has fallen so far below its best is left."""
+HOPELESS, HOPELESS_SHARE = 25.0, 0.02
+"""A direction whose gain has fallen so far below its best is left: where much is wrong, by this share of the misfit,
+as the first few rays may cross wrongly under a displacement of whole pixels."""
+NOISE = 0.45
+"""Mean of the loss of a unit variable."""
 HALVINGS = 5
 FIRST_STEP, LAST_STEP = 0.35, 0.002
 """Steps of the refinement, as shares of the amplitude."""
@@ -102,6 +105,7 @@ def outwards(
     """
     residual = problem.whiten_state(base)
     before = loss(residual)
+    hopeless = max(HOPELESS, HOPELESS_SHARE * (float(np.sum(before)) - NOISE * len(before)))
     amplitudes = term.variant.amplitudes()
     tried = beside(others, term, problem.view)
 
@@ -117,10 +121,10 @@ def outwards(
     for shape in shapes:
         for direction in directions(len(amplitudes)):
             if not any(_beyond(p, x) for p, x in zip(amplitudes, direction, strict=True)):
-                yield from _along(trials(shape, direction), units, FINE_RATIO if len(amplitudes) == 1 else RATIO)
+                yield from _along(trials(shape, direction), units, FINE_RATIO if len(amplitudes) == 1 else RATIO, hopeless)
 
 
-def _along(trial: Callable[[float], Trial], units: int, ratio: float) -> Iterator[Trial]:
+def _along(trial: Callable[[float], Trial], units: int, ratio: float, hopeless: float) -> Iterator[Trial]:
     best, at = np.zeros(units + 1), np.zeros(units + 1)
     size, step = FIRST_SIZE, RATIO
     while size <= LAST_SIZE:
@@ -131,7 +135,7 @@ def _along(trial: Callable[[float], Trial], units: int, ratio: float) -> Iterato
             continue
         gains = found[2]
         at, best = np.where(gains > best, size, at), np.maximum(gains, best)
-        if np.all(gains < best - HOPELESS):
+        if np.all(gains < best - hopeless):
             break
         size *= step
     first = int(np.argmax(best))

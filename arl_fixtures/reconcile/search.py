@@ -19,6 +19,7 @@ from arl_fixtures.reconcile.acceptance import (
     Ranked,
     acts_alone,
     evidence,
+    is_as_good,
     is_misfit,
     is_repeat,
     is_rounding,
@@ -42,8 +43,6 @@ SMALL_ROWS = 14_000
 MOST_TERMS = 4
 SHORTLIST = 16
 POLISHED = 6
-TWIN_GAIN = 2.0
-"""Of candidates that differ by less in log-likelihood the one with fewest parameters is taken."""
 STEP_SHARE, LARGE_STEPS = 0.3, 1.5
 """Share of the steps' scatter with which candidates are screened anew, where it is that much larger than stated."""
 CLEAR_CONSTANT = 5.0
@@ -254,7 +253,7 @@ class Search:
         sure = [r for r in ranked if evidence(r, self.surcharge) > (threshold if shares_channel(r) else first)]
         sure = [r for r in sure if not is_misfit(self.full, base, r, self.gains)]
         sure = [r for r in sure if not is_rounding(self.full, base, r)]
-        close = [r for r in sure if r.gain > sure[0].gain - TWIN_GAIN]
+        close = [r for r in sure if is_as_good(r, sure[0])]
         chosen = min(close, key=_simplest, default=None)
         if chosen is not None:  # of drivers that tell the same the physically nearest, which comes first
             same = [r for r in close if r.candidate.term.effect is chosen.candidate.term.effect]

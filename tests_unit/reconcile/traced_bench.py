@@ -1,0 +1,89 @@
+"""The nominal bench traced ray by ray, by code other than the package's: strewn pixels over a fine sweep."""
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import Columns, find_channels
+
+LIGHT, RANGE = "intensity_counts", "distance_m"
+STRIPES = ((7.5, 0.18), (0.0, 0.50), (-7.5, 0.80))
+BOARDS = (45.0, -45.0)
+THIRDS = (-1 / 3, 0.0, 1 / 3)
+
+
+def trace(u, v, stage_deg, height_m, *, fx=58.1, tilt_deg=(0.0, 0.0, 0.0), forward_m=0.0, panels=True):
+    """Light and range of pixels: yaw to the right, pitch up and roll clockwise in `tilt_deg`."""
+    lights, moments = np.zeros(u.size), np.zeros(u.size)
+    yaw, pitch, roll = np.radians(tilt_deg)
+    for du in THIRDS:
+        for dv in THIRDS:
+            x, y = (u + du - 63.5) / fx, (v + dv - 15.5) / 66.0
+            grow = 2.0 / (1.0 + np.sqrt(1.0 - 4.0 * 0.198 * (x * x + y * y)))
+            x, y, z = x * grow, y * grow, np.ones(u.size)
+            x, y, z = np.stack([x, y, z]) / np.sqrt(x * x + y * y + z * z)
+            x, y = np.cos(roll) * x - np.sin(roll) * y, np.sin(roll) * x + np.cos(roll) * y
+            y, z = np.cos(pitch) * y - np.sin(pitch) * z, np.sin(pitch) * y + np.cos(pitch) * z
+            x, z = np.cos(yaw) * x + np.sin(yaw) * z, -np.sin(yaw) * x + np.cos(yaw) * z
+            light, far = one_ray(np.arctan2(x, z), -y, np.radians(stage_deg), height_m, forward_m, panels)
+            lights += light / 9.0
+            moments += light * far / 9.0
+    return lights, moments / lights
+
+
+def one_ray(azimuth, up, stage, height_m, forward_m, panels):
+    """Light and range of rays: clockwise azimuth in the sensor's frame, sine of the elevation."""
+    level = np.sqrt(1.0 - up * up)
+    bearing = azimuth + stage
+    east, north = forward_m * np.sin(stage), forward_m * np.cos(stage)  # clockwise from the arc's centre
+    b = east * np.sin(bearing) + north * np.cos(bearing)
+    far = (np.sqrt(b * b + 1.6**2 - forward_m**2) - b) / level
+    cosine = level * (b + far * level) / 1.6
+    rho = np.full(up.shape, 0.06)
+    targets = [(a, 0.0675, 0.40, value, False) for a, value in STRIPES] + [
+        (a, 0.28, 0.28, 0.05, True) for a in BOARDS
+    ]
+    for angle, half, tall, value, dots in targets if panels else ():
+        off = bearing + np.radians(angle)
+        toward = level * np.cos(off)
+        ahead = 1.1 - (north * np.cos(np.radians(angle)) - east * np.sin(np.radians(angle)))
+        distance = np.where(toward > 0.05, ahead / np.maximum(toward, 0.05), 50.0)
+        side = east * np.cos(np.radians(angle)) + north * np.sin(np.radians(angle))
+        aside, above = side + distance * level * np.sin(off), height_m + distance * up
+        on = (np.abs(aside) <= half) & (np.abs(above) <= tall) & (distance < far)
+        shade = np.full(up.shape, value)
+        if dots:
+            near = [place - np.clip(np.round(place / 0.11), -2, 2) * 0.11 for place in (aside, above)]
+            shade = np.where(np.hypot(*near) <= 0.035, 0.85, value)
+        far, cosine, rho = np.where(on, distance, far), np.where(on, toward, cosine), np.where(on, shade, rho)
+    return rho * cosine / far**2, far
+
+
+def table(*, seed=3, height_m=0.10, turn_deg=0.0, noise=True, angles=41, pixels=24, **real):
+    """Strewn pixels over a fine sweep in three steps: nominal simulation, `real` bench as measured."""
+    rng = np.random.default_rng(seed)
+    flat = rng.choice(122 * 26, size=pixels, replace=False)
+    axes = np.meshgrid(np.arange(3), np.linspace(-18.0, 18.0, angles), np.arange(pixels), indexing="ij")
+    step, stage, which = (axis.ravel() for axis in axes)
+    u, v = (flat % 122 + 3.0)[which], (flat // 122 + 3.0)[which]
+    own = {name: real[name] for name in ("fx", "panels") if name in real}
+    sim_light, sim_far = trace(u, v, stage, height_m, **own)
+    light, far = trace(u, v, stage + turn_deg, height_m, **real)
+    x, y = (u - 63.5) / real.get("fx", 58.1), (v - 15.5) / 66.0
+    grow = 2.0 / (1.0 + np.sqrt(1.0 - 4.0 * 0.198 * (x * x + y * y)))
+    azimuth = np.degrees(np.arctan(x * grow))
+    elevation = np.degrees(np.arcsin(-y * grow / np.sqrt(1.0 + (x * grow) ** 2 + (y * grow) ** 2)))
+    beam = 4000.0 * 1.1**2 * np.exp(-((azimuth / 75.0) ** 4) - (elevation / 18.0) ** 4)
+    error = np.sqrt(36.0 + 0.25 * beam * sim_light + (0.004 * beam * sim_light) ** 2)
+    blur = np.hypot(0.004, 0.30 * error / (beam * sim_light))
+    numbers = {
+        "step": step, "stage_angle_deg": stage, "pixel_u": u, "pixel_v": v, "azimuth_deg": azimuth,
+        "elevation_deg": elevation, "n_frames": np.full(u.size, 10.0), "time_s": 1200.0 * step + 10.0 * stage,
+        f"sim_{LIGHT}": beam * sim_light, f"sim_{LIGHT}_std": error, f"sim_{RANGE}": sim_far,
+        f"sim_{RANGE}_std": blur,
+        LIGHT: beam * light + noise * rng.normal(0.0, error / np.sqrt(10.0)),
+        RANGE: far + noise * rng.normal(0.0, blur / np.sqrt(10.0)),
+    }  # fmt: skip
+    numbers = {name: np.asarray(values, dtype=float) for name, values in numbers.items()}
+    return Columns(
+        n=u.size, numbers=numbers, categories={"dut": (np.zeros(u.size, dtype=np.int64), ("a",))},
+        channels=find_channels(set(numbers)),
+    )  # fmt: skip
