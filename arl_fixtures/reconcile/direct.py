@@ -118,10 +118,11 @@ def outwards(
 
         return trial
 
+    ratio = FINE_RATIO if len(amplitudes) == 1 else RATIO
     for shape in shapes:
         for direction in directions(len(amplitudes)):
             if not any(_beyond(p, x) for p, x in zip(amplitudes, direction, strict=True)):
-                yield from _along(trials(shape, direction), units, FINE_RATIO if len(amplitudes) == 1 else RATIO, hopeless)
+                yield from _along(trials(shape, direction), units, ratio, hopeless)
 
 
 def _along(trial: Callable[[float], Trial], units: int, ratio: float, hopeless: float) -> Iterator[Trial]:

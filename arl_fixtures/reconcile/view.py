@@ -301,10 +301,11 @@ class View:
         """Whole-table row of pixel (u, v) in each row's own image; −1 where there is none (`near`: none close by)."""
         table = self.columns
         all_u, all_v = self._whole_axis("pixel_u"), self._whole_axis("pixel_v")
-        u_low, v_low = int(np.nanmin(all_u)), int(np.nanmin(all_v))
-        width, height = int(np.nanmax(all_u)) - u_low + 1, int(np.nanmax(all_v)) - v_low + 1
-        inside = (u >= u_low) & (u < u_low + width) & (v >= v_low) & (v < v_low + height)
-        target = (self.frame() * height + (v - v_low)) * width + (u - u_low)
+        u_low, v_low = float(np.nanmin(all_u)), float(np.nanmin(all_v))
+        width, height = (int(np.nanmax(_places(x, low))) + 1 for x, low in ((all_u, u_low), (all_v, v_low)))
+        across, down = _places(u, u_low), _places(v, v_low)
+        inside = (across >= 0) & (across < width) & (down >= 0) & (down < height)
+        target = (self.frame() * height + down) * width + across
         wanted: IntArray = np.where(inside, np.nan_to_num(target, nan=0.0), 0.0).astype(np.int64)
         cells = (int(table.group(*table.image_columns).max()) + 1) * height * width
         if cells <= _DENSE_CELLS:
@@ -330,14 +331,14 @@ class View:
             relations["image", "filled"] = filled.ravel()
         return relations["image", "filled"]
 
-    def _image_cell(self, u_low: int, v_low: int, width: int, height: int) -> IntArray:
+    def _image_cell(self, u_low: float, v_low: float, width: int, height: int) -> IntArray:
         """Cell (image, row, column) of every row of the whole table; −1 where the pixel is not known."""
         table = self.columns
         u, v = self._whole_axis("pixel_u"), self._whole_axis("pixel_v")
-        cell = (table.group(*table.image_columns) * height + (v - v_low)) * width + (u - u_low)
+        cell = (table.group(*table.image_columns) * height + _places(v, v_low)) * width + _places(u, u_low)
         return np.nan_to_num(cell, nan=-1.0).astype(np.int64)
 
-    def _image_grid(self, cells: int, u_low: int, v_low: int, width: int, height: int) -> IntArray:
+    def _image_grid(self, cells: int, u_low: float, v_low: float, width: int, height: int) -> IntArray:
         """Row of every cell, −1 where it is empty."""
         relations = self.columns._relations
         if ("image", "grid") not in relations:
@@ -347,7 +348,7 @@ class View:
             relations[("image", "grid")] = grid
         return relations[("image", "grid")]
 
-    def _image_order(self, u_low: int, v_low: int, width: int, height: int) -> tuple[IntArray, IntArray]:
+    def _image_order(self, u_low: float, v_low: float, width: int, height: int) -> tuple[IntArray, IntArray]:
         """Rows sorted by cell, and their cells: for images too sparse for a grid."""
         relations = self.columns._relations
         if ("image", "order") not in relations:
@@ -363,6 +364,11 @@ class View:
             local[self.rows] = np.arange(self.n)
             self._local = local
         return self._local
+
+
+def _places(values: FloatArray, low: float) -> FloatArray:
+    """Whole pixels above the lowest: regions may lie half a pixel, or any part, off the raster."""
+    return np.asarray(np.floor(values - low + 1e-6))
 
 
 def _varies(values: FloatArray) -> bool:

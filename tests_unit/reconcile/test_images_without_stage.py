@@ -45,6 +45,19 @@ def test_a_neighbour_is_one_of_the_same_image(clock):
     np.testing.assert_allclose(view.frame_mean(state, "intensity_counts"), state["intensity_counts"])
 
 
+def test_regions_may_lie_off_the_raster():
+    made = camera(1, steps=5, shared=0.0)
+    made["pixel_u"], made["pixel_v"] = 3.0 * made["pixel_u"] + 1.3, made["pixel_v"] + 0.5
+    view = View(columns_of(pa.table(made)))
+    state = {**view.fresh_state(), "intensity_counts": np.arange(float(view.n))}
+    assert np.isnan(view.neighbour(state, "intensity_counts", du=1, dv=0)).all()
+    beside = view.neighbour(state, "intensity_counts", du=3, dv=0)
+    inner = view.number("pixel_u") < 34.0
+    np.testing.assert_array_equal(beside[inner], state["intensity_counts"][inner] + 1.0)
+    assert np.isnan(beside[~inner]).all()
+    assert diagnose(view.columns)[0].findings == []
+
+
 @pytest.mark.parametrize(("steps", "seed"), [(3, 11), (3, 12), (8, 13), (8, 14)])
 def test_a_lamp_that_is_off_in_each_image_is_no_law(steps, seed):
     diagnosis, _, _ = diagnose(columns_of(pa.table(camera(seed, steps=steps, shared=0.004))))
