@@ -145,12 +145,16 @@ def plain_gain(problem: Problem, terms: Sequence[Term], term: Term) -> float:
 
 
 def has_other_place(looker: Looker, terms: Sequence[Term], pattern: Pattern) -> bool:
-    """Whether a channel of a pattern carries stronger structure on something other than its pixels."""
+    """Whether a channel of a pattern carries stronger structure on something other than its pixels.
+
+    The radius at which a few dead pixels lie tells of nothing else.
+    """
     state = forward(terms, looker.problem.view)
+    own = PIXEL_COLUMNS | set(FIELD_COLUMNS) if pattern.term.effect.sparse else PIXEL_COLUMNS
     for d in looker.problem.data:
         if d.channel.name in pattern.term.variant.channels and d.channel.role is not Role.SCATTER:
             place = locate(looker, d, state)
-            if place is not None and place.gain > pattern.gain and not set(place.columns) & PIXEL_COLUMNS:
+            if place is not None and place.gain > pattern.gain and not set(place.columns) & own:
                 return True
     return False
 
