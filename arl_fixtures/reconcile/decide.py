@@ -54,7 +54,7 @@ from arl_fixtures.reconcile.rivals import (
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.search import Found, Search, constant_z
 from arl_fixtures.reconcile.steadiness import is_unsteady
-from arl_fixtures.reconcile.step_means import acts_within_steps, left_in_steps
+from arl_fixtures.reconcile.step_means import acts_within_steps, leaves_other_rows, left_in_steps
 from arl_fixtures.reconcile.terms import Term, forward
 
 STRUCTURE_Z, STRUCTURE_GAIN = 3.7, 12.0
@@ -181,7 +181,9 @@ class Decision:
         acting = [t for t in self.best.terms if d.channel.name in self.energy(t)]
         same = mends_the_same(acting, self.after[d.channel.name].leading())
         same = same or lies_where_names_act(self.problem, d, acting, self.terms)
-        if self.left_share(d.channel.name) <= (LEFT_AT_EDGES if same else LEFT_SHARE):
+        left = self.found.looker.rows_of(d), self.after[d.channel.name].ceiling.prediction
+        small = self.left_share(d.channel.name) <= (LEFT_AT_EDGES if same else LEFT_SHARE)
+        if small or leaves_other_rows(self.problem, d, acting, *left):
             return False
         return is_structure(self.after[d.channel.name]) or not acts_within_steps(self.problem, d, self.terms)
 

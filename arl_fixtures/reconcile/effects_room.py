@@ -20,6 +20,7 @@ from arl_fixtures.reconcile.view import View
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+HALF_TURN_DEG = 180.0
 _NEIGHBOURS = 12
 _SAME_RAY = 1e-4
 """Radians within which rays are one: a hundredth of a degree is finer than scanners point."""
@@ -54,7 +55,7 @@ class Room:
 
 
 def room_of(view: View, sign: float) -> Room | None:
-    """The planes about a scanner; None where the table has pixels, or no rays in two directions."""
+    """The planes about a scanner; None where the table has a camera's pixels, or no rays in two directions."""
     return per_table(view, ("room", sign), lambda: _make(view, sign))
 
 
@@ -97,9 +98,9 @@ def _directions(
 
 def _make(view: View, sign: float) -> Room | None:
     table = view.columns
-    if view.varies("pixel_u") or view.varies("pixel_v"):
-        return None
     if not (view.varies("azimuth_deg") and view.varies("elevation_deg") and distances(view)):
+        return None
+    if (view.varies("pixel_u") or view.varies("pixel_v")) and not _looks_around(view):
         return None
     everywhere = _directions(view, sign)  # a stage turns rays to where others looked before
     seen = np.column_stack([table.group("dut"), np.rint(everywhere / _SAME_RAY)])
@@ -128,6 +129,12 @@ def _make(view: View, sign: float) -> Room | None:
         for into, some in ((slopes, slope), (beyond, slope[rival])):
             into[name] = np.where(known[code][:, None], some[of_code[code]], 0.0)
     return Room(sign, slopes, beyond, np.where(known[code], fold[of_code[code]], 0.0))
+
+
+def _looks_around(view: View) -> bool:
+    """Whether rays go in more directions than a camera's field has: a scanner's beams, numbered as pixels or not."""
+    low, high = view.span("azimuth_deg")
+    return high - low > HALF_TURN_DEG
 
 
 def _edges(slope: FloatArray, direction: FloatArray, near: IntArray) -> tuple[IntArray, FloatArray]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.followed import condition_of
 from arl_fixtures.reconcile.problem import ChannelData, Problem
@@ -63,6 +63,32 @@ def share_between(d: ChannelData, change: FloatArray) -> float:
     count = np.bincount(level.code, minlength=level.count)
     means = np.bincount(level.code, moved, minlength=level.count) / np.maximum(count, 1)
     return float(np.average(means**2, weights=count)) / total
+
+
+def leaves_other_rows(
+    problem: Problem, d: ChannelData, terms: Sequence[Term], rows: IntArray, predicted: FloatArray
+) -> bool:
+    """Whether names tell whole images apart only, and what is left acts within images only: two causes, then.
+
+    Args:
+        problem: the table.
+        d: a channel with images.
+        terms: the names.
+        rows: of the channel, that were looked at; predicted: there, of what is left, in units of the scale.
+    """
+    level = next((level for level in d.levels if level.name == "frame"), None)
+    if level is None or len(predicted) != len(rows):
+        return False
+    code, unit = level.code[rows], d.unit[rows]
+    moved = forward(terms, problem.view)[d.channel.name] - problem.view.sim[d.channel.name]
+    shares = []
+    for change in ((moved[d.use] / d.scale)[rows], predicted):
+        if d.calibrated:
+            change = change - (np.bincount(unit, change) / np.maximum(np.bincount(unit), 1))[unit]
+        count = np.bincount(code, minlength=level.count)
+        means = np.bincount(code, change, minlength=level.count) / np.maximum(count, 1)
+        shares.append(float(np.average(means**2, weights=count)) / max(float(np.mean(change**2)), 1e-300))
+    return shares[0] > 1.0 - WITHIN_STEPS and shares[1] < WITHIN_STEPS
 
 
 def act_apart(problem: Problem, before: State, after: State, other: State) -> bool:
