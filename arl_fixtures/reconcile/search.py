@@ -34,12 +34,12 @@ from arl_fixtures.reconcile.problem import ChannelData, Problem, carry_gains
 from arl_fixtures.reconcile.robust import robust_gain
 from arl_fixtures.reconcile.sampling import draw_rows
 from arl_fixtures.reconcile.screen import Candidate, Screening, all_variants, screen
+from arl_fixtures.reconcile.settling import gains_of, settle, shortlist
 from arl_fixtures.reconcile.terms import Term, forward
 
 FULL_ROWS = 48_000
 SMALL_ROWS = 14_000
 MOST_TERMS = 4
-SHORTLIST = 16
 POLISHED = 6
 TWIN_GAIN = 2.0
 """Of candidates that differ by less in log-likelihood the one with fewest parameters is taken."""
@@ -150,15 +150,8 @@ class Search:
             if weakest[0] >= PATTERN_ODDS * threshold:
                 break
             best = weakest[2]
-            self._weigh(best)
+            self.gains = gains_of(self.full, best)
         return best
-
-    def _weigh(self, best: Fit) -> None:
-        """Note how much each accepted effect gains beside the others."""
-        self.gains = {}
-        for index in range(len(best.terms)):
-            rest = tuple(t for k, t in enumerate(best.terms) if k != index)
-            self.gains[index] = 0.5 * (fit(self.full, rest, rounds=2).chi2 - best.chi2)
 
     def _look_again(self, best: Fit) -> None:
         """Set spread, outliers and group scatters anew from what a fit leaves, in both problems."""
@@ -195,11 +188,11 @@ class Search:
             stages.append(stage)
             if stage.chosen is None:
                 break
-            best = self._settle(stage.chosen.fit, stage)
+            best = settle(self, stage.chosen.fit, stage)
             best = fit(self.full, best.terms, rounds=4)
             self._look_again(best)
             best = finish(self.full, fit(self.full, best.terms, rounds=4))
-            self._weigh(best)  # with the scatters that it leaves, not with those that hid it
+            self.gains = gains_of(self.full, best)  # with the scatters that it leaves, not with those that hid it
         if stages:
             best = self.prune(best, chance)
         self.progress("what is left", 0.8)
@@ -356,24 +349,6 @@ class Search:
         apart = acts_alone(self.full, polished.terms)
         return Ranked(candidate=candidate, fit=polished, gain=gain, robust=robust, alone=apart)
 
-    def _settle(self, chosen: Fit, stage: Stage) -> Fit:
-        """Swap pass: would another effect in an earlier place do better now? Backward pass: is each still needed?"""
-        best = chosen
-        if len(best.terms) < 2:
-            return best
-        for index in range(len(best.terms) - 1):
-            rest = tuple(t for k, t in enumerate(best.terms) if k != index)
-            without = finish(self.full, fit(self.full, rest, rounds=4))
-            needed = best.log_likelihood - without.log_likelihood - PRICE * (len(best.keys) - len(without.keys))
-            if needed < PATTERN_ODDS * stage.threshold:
-                return self._settle(without, stage) if len(rest) > 1 else without
-            again = screen(self.small, self.variants, rest)
-            options = [c for c in shortlist(again.candidates)[:6] if c.term.label != best.terms[index].label]
-            ranked = self.rank(without, options)
-            if ranked and ranked[0].gain > needed + 1.0:
-                best = ranked[0].fit
-        return best
-
 
 def _simplest(ranked: Ranked) -> tuple[int, float, str]:
     """Order of candidates that explain as much; equal ones in the order of their names, not of rounding errors."""
@@ -383,17 +358,3 @@ def _simplest(ranked: Ranked) -> tuple[int, float, str]:
 def constant_z(d: ChannelData, state: State) -> float:
     """Largest significance of a unit's constant gain or offset."""
     return float(np.max(np.abs(d.constants(d.residual(state))) / d.constant_errors))
-
-
-def shortlist(candidates: Sequence[Candidate], size: int = SHORTLIST, per_effect: int = 2) -> list[Candidate]:
-    """The best candidates, at most so many of one effect and one of each variant's twins."""
-    counts: dict[str, int] = {}
-    chosen: list[Candidate] = []
-    for candidate in candidates:
-        name = candidate.term.effect.id
-        if counts.get(name, 0) < per_effect:
-            counts[name] = counts.get(name, 0) + 1
-            chosen.append(candidate)
-        if len(chosen) == size:
-            break
-    return chosen
