@@ -54,27 +54,22 @@ def evidence(ranked: Ranked, surcharge: float) -> float:
     """What counts against the threshold: the gain over no mismatch, and enough over a mere pattern of pixels.
 
     The threshold is the largest gain that chance gives to as many amplitudes, so the first effect on a channel
-    pays no price for them again, up to half of what it gains. A further one does, and more unless it tells steps
-    apart where those before it act within them, or the reverse: it may live on what the first one's law does not
-    quite say. As a picture over the pixels it must gain all of the threshold beside their free pattern. A
-    search along a shape pays for its many looks.
+    pays no price for them again, up to half of what it gains; and so does one that tells steps apart where those
+    before it act within them, or the reverse: it is the first of its kind. Any other further one does, and more: it
+    may live on what the first one's law does not quite say. As a picture over the pixels it must gain all of the
+    threshold beside their free pattern. A search along a shape pays for its many looks.
     """
     variant = ranked.candidate.term.variant
     amplitudes = min(sum(not p.per for p in variant.amplitudes()), FEW_AMPLITUDES)
-    before = _before(ranked.fit.terms)
+    before = [] if ranked.alone else _before(ranked.fit.terms)
     picture = bool(before) and set(variant.drivers) <= PIXEL_COLUMNS
     sure = min(ranked.gain if picture else ranked.gain / PATTERN_ODDS, ranked.robust)
     if not before:
         sure += float(np.clip(0.5 * sure, 0.0, PRICE * amplitudes))
-    elif not ranked.alone:
+    else:
         alike = any(_columns(term) & _columns(ranked.fit.terms[-1]) for term in before)
         sure -= FURTHER if alike else FURTHER_APART
     return sure - (surcharge if is_search(variant) else 0.0)
-
-
-def shares_channel(ranked: Ranked) -> bool:
-    """Whether an accepted effect acts on a channel of the candidate."""
-    return bool(_before(ranked.fit.terms))
 
 
 def _before(terms: Sequence[Term]) -> list[Term]:

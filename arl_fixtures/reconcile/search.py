@@ -22,7 +22,6 @@ from arl_fixtures.reconcile.acceptance import (
     is_misfit,
     is_repeat,
     is_rounding,
-    shares_channel,
 )
 from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.dead import leave_out_dead
@@ -242,8 +241,8 @@ class Search:
     def _round(self, base: Fit, screening: Screening, chance: Screening) -> Stage:
         threshold = chance.threshold(LEVEL_FURTHER if base.terms else LEVEL_NAME)
         ranked = self.rank(base, shortlist([c for c in screening.candidates if not is_repeat(base, c)]))
-        first = chance.threshold(LEVEL_NAME)  # of a channel that has no name yet
-        sure = [r for r in ranked if evidence(r, self.surcharge) > (threshold if shares_channel(r) else first)]
+        first = chance.threshold(LEVEL_NAME)  # where no name of its kind, of steps or within them, acts yet
+        sure = [r for r in ranked if evidence(r, self.surcharge) > (first if r.alone else threshold)]
         sure = [r for r in sure if not is_misfit(self.full, base, r, self.gains)]
         sure = [r for r in sure if not is_rounding(self.full, base, r)]
         close = [r for r in sure if r.gain > sure[0].gain - TWIN_GAIN]
