@@ -241,20 +241,46 @@ class Search:
     def _round(self, base: Fit, screening: Screening, chance: Screening) -> Stage:
         threshold = chance.threshold(LEVEL_FURTHER if base.terms else LEVEL_NAME)
         ranked = self.rank(base, shortlist([c for c in screening.candidates if not is_repeat(base, c)]))
+        sure = self._sure(base, chance, ranked)
+        close = [r for r in sure if r.gain > sure[0].gain - TWIN_GAIN]
+        chosen = min(close, key=_simplest, default=None)
+        if chosen is not None:
+            chosen = self._nearest([r for r in close if r.candidate.free == chosen.candidate.free], chosen)
+        if chosen is not None and ranked[0] is not chosen and ranked[0].gain > 3.0 * max(chosen.gain, 1.0):
+            chosen = None
+        if chosen is not None:
+            further = self._other_variants(base, screening, chosen, ranked)
+            better = [r for r in self._sure(base, chance, further) if r.gain > chosen.gain + TWIN_GAIN]
+            if better:
+                chosen = self._nearest([r for r in better if r.gain > better[0].gain - TWIN_GAIN], better[0])
+            ranked = sorted([*ranked, *further], key=lambda r: -r.gain)
+        p_value = chance.p_value(evidence(ranked[0], self.surcharge)) if ranked else 1.0
+        return Stage(base=base, threshold=threshold, p_value=p_value, ranked=ranked, chosen=chosen)
+
+    def _nearest(self, close: Sequence[Ranked], chosen: Ranked) -> Ranked:
+        """Of the chosen effect's drivers that tell the same the physically nearest, which comes first."""
+        same = [r for r in close if r.candidate.term.effect is chosen.candidate.term.effect]
+        return min(same, key=lambda r: (bool(r.candidate.term.unit), self._rank_of(r.candidate.term)))
+
+    def _sure(self, base: Fit, chance: Screening, ranked: Sequence[Ranked]) -> list[Ranked]:
+        """Those that may be named beside the base's terms."""
+        threshold = chance.threshold(LEVEL_FURTHER if base.terms else LEVEL_NAME)
         first = chance.threshold(LEVEL_NAME)  # where no name of its kind, of steps or within them, acts yet
         sure = [r for r in ranked if evidence(r, self.surcharge) > (first if r.alone else threshold)]
         sure = [r for r in sure if not is_misfit(self.full, base, r, self.gains)]
-        sure = [r for r in sure if not is_rounding(self.full, base, r)]
-        close = [r for r in sure if r.gain > sure[0].gain - TWIN_GAIN]
-        chosen = min(close, key=_simplest, default=None)
-        if chosen is not None:  # of drivers that tell the same the physically nearest, which comes first
-            same = [r for r in close if r.candidate.term.effect is chosen.candidate.term.effect]
-            same = [r for r in same if r.candidate.free == chosen.candidate.free]
-            chosen = min(same, key=lambda r: (bool(r.candidate.term.unit), self._rank_of(r.candidate.term)))
-        if chosen is not None and ranked[0] is not chosen and ranked[0].gain > 3.0 * max(chosen.gain, 1.0):
-            chosen = None
-        p_value = chance.p_value(evidence(ranked[0], self.surcharge)) if ranked else 1.0
-        return Stage(base=base, threshold=threshold, p_value=p_value, ranked=ranked, chosen=chosen)
+        return [r for r in sure if not is_rounding(self.full, base, r)]
+
+    def _other_variants(
+        self, base: Fit, screening: Screening, chosen: Ranked, ranked: Sequence[Ranked]
+    ) -> list[Ranked]:
+        """Variants of the chosen effect that the shortlist left out: to first order a strong one promises little."""
+        term, tried = chosen.candidate.term, {r.candidate.term.label for r in ranked}
+        further = [
+            c for c in screening.candidates
+            if c.term.effect is term.effect and c.term.unit == term.unit and c.term.label not in tried
+            and set(c.term.variant.channels) & set(term.variant.channels) and not is_repeat(base, c)
+        ]  # fmt: skip
+        return self.rank(base, further[:POLISHED])
 
     def _constants_explained(self, base: Fit, stage: Stage, chance: Screening) -> Stage:
         """Try the effects without free constants where these are large: an effect may explain the constant as well.

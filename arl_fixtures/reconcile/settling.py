@@ -85,7 +85,9 @@ def gains_of(problem: Problem, best: Fit) -> dict[int, float]:
     return gains
 
 
-def shortlist(candidates: Sequence[Candidate], size: int = SHORTLIST, per_effect: int = PER_EFFECT) -> list[Candidate]:
+def shortlist(
+    candidates: Sequence[Candidate], size: int = SHORTLIST, per_effect: int = PER_EFFECT
+) -> list[Candidate]:
     """The best candidates, at most so many of one effect and one of each variant's twins."""
     counts: dict[str, int] = {}
     chosen: list[Candidate] = []
