@@ -23,6 +23,9 @@ FURTHER, FURTHER_APART = 3.0, 1.0
 the two have no driver in common."""
 QUIET, QUIET_GAIN = 0.15, 3.0
 """Share of its mean square below which an effect hardly acts, and what a further one must gain there."""
+CELLS, FEWEST_IN_CELL, OWN_SHARE = 12, 4, 0.5
+"""Parts into which a driver's range is cut, rows that a cell must hold on average, and the share of a further
+effect's gain that must lie within cells."""
 LEAST_SCATTER = 0.03
 """Relative excess of scatter below which rounding and the noise law's own accuracy explain it."""
 _SMALLEST = 1e-300
@@ -126,7 +129,7 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
     for index, term in enumerate(base.terms):
         if not set(term.variant.channels) & set(new.variant.channels):
             continue
-        alike = bool(_columns(term) & _columns(new))
+        alike = bool(_columns(term) & _columns(new)) and not _has_own_driver(problem, ranked, term)
         least = (MISFIT_SHARE if alike else HIDDEN_SHARE) * gains.get(index, 0.0)
         another = new.effect.several and new.effect.id == term.effect.id
         apart = (not alike or another) and (
@@ -174,6 +177,38 @@ def _mends_side_effects(problem: Problem, ranked: Ranked) -> bool:
 def _columns(term: Term) -> set[str]:
     """Drivers, a measured column and its simulation counted as one."""
     return {name.removeprefix("sim_") for name in term.variant.drivers}
+
+
+def _has_own_driver(problem: Problem, ranked: Ranked, term: Term) -> bool:
+    """Whether a further effect gains most of what it does where all that drives an earlier one stays the same.
+
+    What mends a law of some columns is another law of these. Cells of the earlier one's drivers are held against what
+    the further one changes and gains within them.
+    """
+    new, view = ranked.fit.terms[-1], problem.view
+    drivers = [name for name in term.variant.drivers if view.is_category(name) or view.varies(name)]
+    if not drivers or _columns(new) <= _columns(term):
+        return False
+    cell = np.zeros(view.n, dtype=np.int64)
+    for name in drivers:
+        values = view.codes(name)[0] if view.is_category(name) else np.nan_to_num(view.number(name))
+        edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, CELLS + 1)[1:-1]))
+        cell = np.unique(cell * (CELLS + 1) + np.searchsorted(edges, values), return_inverse=True)[1]
+    if view.n < FEWEST_IN_CELL * (int(cell.max()) + 1):
+        return False
+    before = forward(ranked.fit.terms[:-1], view)
+    whole = own = 0.0
+    for d in problem.data:
+        name = d.channel.name
+        if ranked.fit.state[name] is before[name]:
+            continue
+        change = d.whiten(d.expect * (ranked.fit.state[name] - before[name])[d.use])
+        left, at = d.whiten(d.residual(before)), cell[d.use]
+        mean = np.bincount(at, change) / np.maximum(np.bincount(at), 1)
+        within = change - mean[at]
+        whole += float(change @ left - 0.5 * change @ change)
+        own += float(within @ left - 0.5 * within @ within)
+    return own > max(QUIET_GAIN, OWN_SHARE * whole)
 
 
 def _stands_apart(problem: Problem, base: Fit, ranked: Ranked, index: int) -> bool:
