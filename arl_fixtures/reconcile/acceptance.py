@@ -23,9 +23,11 @@ FURTHER, FURTHER_APART = 3.0, 1.0
 the two have no driver in common."""
 QUIET, QUIET_GAIN = 0.15, 3.0
 """Share of its mean square below which an effect hardly acts, and what a further one must gain there."""
-CELLS, FEWEST_IN_CELL, OWN_SHARE = 12, 4, 0.5
-"""Parts into which a driver's range is cut, rows that a cell must hold on average, and the share of a further
-effect's gain that must lie within cells."""
+CELLS, FEWEST_IN_CELL = 12, 4
+"""Parts into which a driver's range is cut, and rows that a cell must hold on average."""
+OWN_SHARE, OWN_GAIN = 0.2, 6.0
+"""Share of a further effect's gain that must lie within cells of an earlier one's drivers, and how much: of a change
+that grows from none with a driver of its own more than half is the same in all cells."""
 LEAST_SCATTER = 0.03
 """Relative excess of scatter below which rounding and the noise law's own accuracy explain it."""
 _SMALLEST = 1e-300
@@ -180,7 +182,7 @@ def _columns(term: Term) -> set[str]:
 
 
 def _has_own_driver(problem: Problem, ranked: Ranked, term: Term) -> bool:
-    """Whether a further effect gains most of what it does where all that drives an earlier one stays the same.
+    """Whether a further effect gains enough where all that drives an earlier one stays the same.
 
     What mends a law of some columns is another law of these. Cells of the earlier one's drivers are held against what
     the further one changes and gains within them.
@@ -208,7 +210,7 @@ def _has_own_driver(problem: Problem, ranked: Ranked, term: Term) -> bool:
         within = change - mean[at]
         whole += float(change @ left - 0.5 * change @ change)
         own += float(within @ left - 0.5 * within @ within)
-    return own > max(QUIET_GAIN, OWN_SHARE * whole)
+    return own > max(OWN_GAIN, OWN_SHARE * whole)
 
 
 def _stands_apart(problem: Problem, base: Fit, ranked: Ranked, index: int) -> bool:

@@ -79,7 +79,9 @@ def test_without_a_swept_bias_there_is_no_breakdown_to_tell():
         bias_v=np.full(60, 150.0) + 0.1 * np.sin(np.arange(60)), tof_temperature_c=np.linspace(0.0, 60.0, 60),
         sim_signal_counts=1000.0, signal_counts=1000.0,
     )  # fmt: skip
-    variants = [v for name in ("gain_temperature", "dark_offset") for v in library()[f"detector.{name}"].variants(view)]
+    variants = [
+        v for name in ("gain_temperature", "dark_offset") for v in library()[f"detector.{name}"].variants(view)
+    ]
     assert variants
     assert not any("bias" in v.options for v in variants)
 
