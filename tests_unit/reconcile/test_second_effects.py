@@ -4,7 +4,10 @@ import numpy as np
 import pyarrow as pa
 
 from arl_fixtures.reconcile.catalogue import library
+from arl_fixtures.reconcile.fit import finish, fit
 from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.screen import screen
+from arl_fixtures.reconcile.search import POLISHED, TWIN_GAIN, Search
 from arl_fixtures.reconcile.table import columns_of
 
 
@@ -77,3 +80,22 @@ def test_a_diode_that_ages_is_told_beside_its_heat_though_both_are_read_off_the_
 def test_a_diode_that_is_warm_and_new_has_not_aged():
     found = diagnose(life_test(12, 0.12, 0.0), effects=some(*LASER))[0].findings
     assert "laser.power_decay" not in {f.effect for f in found}
+
+
+def test_a_round_fits_every_variant_of_the_effect_that_it_chooses(make_table):
+    """Of one effect the shortlist holds the two that promise most to first order; the rest is fitted all the same."""
+
+    def veiled(columns, _rng):
+        far = np.hypot(columns["azimuth_deg"], columns["elevation_deg"])
+        columns["intensity_counts"] = columns["intensity_counts"] * np.cos(np.radians(0.4 * far)) ** 4
+
+    search = Search(columns_of(pa.table(make_table(31, veiled))), some("beam.profile_change"))
+    base = finish(search.full, fit(search.full, ()))
+    screening = screen(search.small, search.variants, with_chance=True)
+    stage = search._round(base, screening, screening)
+    promising = [c.term.label for c in screening.candidates if c.gain > 0.0 and not c.term.unit]
+    assert stage.chosen is not None
+    assert len(promising) > 2
+    if not stage.chosen.candidate.term.unit:
+        assert {r.candidate.term.label for r in stage.ranked} >= set(promising[:POLISHED])
+    assert stage.chosen.gain >= max(r.gain for r in stage.ranked) - 2.0 * TWIN_GAIN
