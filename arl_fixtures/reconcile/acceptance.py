@@ -23,6 +23,11 @@ FURTHER, FURTHER_APART = 3.0, 1.0
 the two have no driver in common."""
 QUIET, QUIET_GAIN = 0.15, 3.0
 """Share of its mean square below which an effect hardly acts, and what a further one must gain there."""
+CELLS, FEWEST_IN_CELL = 12, 4
+"""Parts into which a driver's range is cut, and rows that a cell must hold on average."""
+OWN_SHARE, OWN_GAIN = 0.2, 6.0
+"""Share of a further effect's gain that must lie within cells of an earlier one's drivers, and how much: of a change
+that grows from none with a driver of its own more than half is the same in all cells."""
 LEAST_SCATTER = 0.03
 """Relative excess of scatter below which rounding and the noise law's own accuracy explain it."""
 _SMALLEST = 1e-300
@@ -57,19 +62,19 @@ def evidence(ranked: Ranked, surcharge: float) -> float:
     """What counts against the threshold: the gain over no mismatch, and enough over a mere pattern of pixels.
 
     The threshold is the largest gain that chance gives to as many amplitudes, so the first effect on a channel
-    pays no price for them again, up to half of what it gains. A further one does, and more unless it tells steps
-    apart where those before it act within them, or the reverse: it may live on what the first one's law does not
-    quite say. As a picture over the pixels it must gain all of the threshold beside their free pattern. A
-    search along a shape pays for its many looks.
+    pays no price for them again, up to half of what it gains; and so does one that tells steps apart where those
+    before it act within them, or the reverse: it is the first of its kind. Any other further one does, and more: it
+    may live on what the first one's law does not quite say. As a picture over the pixels it must gain all of the
+    threshold beside their free pattern. A search along a shape pays for its many looks.
     """
     variant = ranked.candidate.term.variant
     amplitudes = min(sum(not p.per for p in variant.amplitudes()), FEW_AMPLITUDES)
-    before = _before(ranked.fit.terms)
+    before = [] if ranked.alone else _before(ranked.fit.terms)
     picture = bool(before) and set(variant.drivers) <= PIXEL_COLUMNS
     sure = min(ranked.gain if picture else ranked.gain / PATTERN_ODDS, ranked.robust)
     if not before:
         sure += float(np.clip(0.5 * sure, 0.0, PRICE * amplitudes))
-    elif not ranked.alone:
+    else:
         alike = any(_columns(term) & _columns(ranked.fit.terms[-1]) for term in before)
         sure -= FURTHER if alike else FURTHER_APART
     return sure - (surcharge if is_search(variant) else 0.0)
@@ -79,11 +84,6 @@ def is_as_good(ranked: Ranked, best: Ranked) -> bool:
     """Whether a candidate explains as much as the best one, to what rows with shared errors can tell."""
     share = float(np.clip(best.robust / best.gain, LEAST_ROBUST, 1.0)) if best.gain > 0.0 else 1.0
     return share * (best.gain - ranked.gain) < TWIN_GAIN
-
-
-def shares_channel(ranked: Ranked) -> bool:
-    """Whether an accepted effect acts on a channel of the candidate."""
-    return bool(_before(ranked.fit.terms))
 
 
 def _before(terms: Sequence[Term]) -> list[Term]:
@@ -140,7 +140,7 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
     for index, term in enumerate(base.terms):
         if not set(term.variant.channels) & set(new.variant.channels):
             continue
-        alike = bool(_columns(term) & _columns(new))
+        alike = bool(_columns(term) & _columns(new)) and not _has_own_driver(problem, ranked, term)
         least = (MISFIT_SHARE if alike else HIDDEN_SHARE) * gains.get(index, 0.0)
         another = new.effect.several and new.effect.id == term.effect.id
         apart = (not alike or another) and (
@@ -188,6 +188,38 @@ def _mends_side_effects(problem: Problem, ranked: Ranked) -> bool:
 def _columns(term: Term) -> set[str]:
     """Drivers, a measured column and its simulation counted as one."""
     return {name.removeprefix("sim_") for name in term.variant.drivers}
+
+
+def _has_own_driver(problem: Problem, ranked: Ranked, term: Term) -> bool:
+    """Whether a further effect gains enough where all that drives an earlier one stays the same.
+
+    What mends a law of some columns is another law of these. Cells of the earlier one's drivers are held against what
+    the further one changes and gains within them.
+    """
+    new, view = ranked.fit.terms[-1], problem.view
+    drivers = [name for name in term.variant.drivers if view.is_category(name) or view.varies(name)]
+    if not drivers or _columns(new) <= _columns(term):
+        return False
+    cell = np.zeros(view.n, dtype=np.int64)
+    for name in drivers:
+        values = view.codes(name)[0] if view.is_category(name) else np.nan_to_num(view.number(name))
+        edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, CELLS + 1)[1:-1]))
+        cell = np.unique(cell * (CELLS + 1) + np.searchsorted(edges, values), return_inverse=True)[1]
+    if view.n < FEWEST_IN_CELL * (int(cell.max()) + 1):
+        return False
+    before = forward(ranked.fit.terms[:-1], view)
+    whole = own = 0.0
+    for d in problem.data:
+        name = d.channel.name
+        if ranked.fit.state[name] is before[name]:
+            continue
+        change = d.whiten(d.expect * (ranked.fit.state[name] - before[name])[d.use])
+        left, at = d.whiten(d.residual(before)), cell[d.use]
+        mean = np.bincount(at, change) / np.maximum(np.bincount(at), 1)
+        within = change - mean[at]
+        whole += float(change @ left - 0.5 * change @ change)
+        own += float(within @ left - 0.5 * within @ within)
+    return own > max(OWN_GAIN, OWN_SHARE * whole)
 
 
 def _stands_apart(problem: Problem, base: Fit, ranked: Ranked, index: int) -> bool:

@@ -13,6 +13,12 @@ _FEWEST = 6
 """Currents from which a device has a curve of its own at a temperature."""
 
 
+def is_swept(view: View, current: str) -> bool:
+    """Whether the current is driven through a range, rather than scattering about its set value."""
+    low, high = view.span(current)
+    return (high - low) > 0.3 * max(abs(high), abs(low))
+
+
 def light_current(view: View, channel: str, current: str) -> tuple[FloatArray, FloatArray]:
     """The simulation's signal as a function of the drive current, means over 2000 bins."""
 

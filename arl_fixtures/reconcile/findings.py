@@ -21,7 +21,7 @@ from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.region import columns_as_drivers, energy_region
 from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.screen import screen
-from arl_fixtures.reconcile.search import shortlist
+from arl_fixtures.reconcile.settling import shortlist
 from arl_fixtures.reconcile.terms import Term, forward
 
 if TYPE_CHECKING:

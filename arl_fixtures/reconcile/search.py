@@ -23,7 +23,6 @@ from arl_fixtures.reconcile.acceptance import (
     is_misfit,
     is_repeat,
     is_rounding,
-    shares_channel,
 )
 from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.dead import leave_out_dead
@@ -36,12 +35,12 @@ from arl_fixtures.reconcile.problem import ChannelData, Problem, carry_gains
 from arl_fixtures.reconcile.robust import robust_gain
 from arl_fixtures.reconcile.sampling import draw_rows
 from arl_fixtures.reconcile.screen import Candidate, Screening, all_variants, screen
+from arl_fixtures.reconcile.settling import gains_of, settle, shortlist
 from arl_fixtures.reconcile.terms import Term, forward
 
 FULL_ROWS = 48_000
 SMALL_ROWS = 14_000
 MOST_TERMS = 4
-SHORTLIST = 16
 POLISHED = 6
 STEP_SHARE, LARGE_STEPS = 0.3, 1.5
 """Share of the steps' scatter with which candidates are screened anew, where it is that much larger than stated."""
@@ -150,15 +149,8 @@ class Search:
             if weakest[0] >= PATTERN_ODDS * threshold:
                 break
             best = weakest[2]
-            self._weigh(best)
+            self.gains = gains_of(self.full, best)
         return best
-
-    def _weigh(self, best: Fit) -> None:
-        """Note how much each accepted effect gains beside the others."""
-        self.gains = {}
-        for index in range(len(best.terms)):
-            rest = tuple(t for k, t in enumerate(best.terms) if k != index)
-            self.gains[index] = 0.5 * (fit(self.full, rest, rounds=2).chi2 - best.chi2)
 
     def _look_again(self, best: Fit) -> None:
         """Set spread, outliers and group scatters anew from what a fit leaves, in both problems."""
@@ -195,11 +187,11 @@ class Search:
             stages.append(stage)
             if stage.chosen is None:
                 break
-            best = self._settle(stage.chosen.fit, stage)
+            best = settle(self, stage.chosen.fit, stage)
             best = fit(self.full, best.terms, rounds=4)
             self._look_again(best)
             best = finish(self.full, fit(self.full, best.terms, rounds=4))
-            self._weigh(best)  # with the scatters that it leaves, not with those that hid it
+            self.gains = gains_of(self.full, best)  # with the scatters that it leaves, not with those that hid it
         if stages:
             best = self.prune(best, chance)
         self.progress("what is left", 0.8)
@@ -249,20 +241,46 @@ class Search:
     def _round(self, base: Fit, screening: Screening, chance: Screening) -> Stage:
         threshold = chance.threshold(LEVEL_FURTHER if base.terms else LEVEL_NAME)
         ranked = self.rank(base, shortlist([c for c in screening.candidates if not is_repeat(base, c)]))
-        first = chance.threshold(LEVEL_NAME)  # of a channel that has no name yet
-        sure = [r for r in ranked if evidence(r, self.surcharge) > (threshold if shares_channel(r) else first)]
-        sure = [r for r in sure if not is_misfit(self.full, base, r, self.gains)]
-        sure = [r for r in sure if not is_rounding(self.full, base, r)]
+        sure = self._sure(base, chance, ranked)
         close = [r for r in sure if is_as_good(r, sure[0])]
         chosen = min(close, key=_simplest, default=None)
-        if chosen is not None:  # of drivers that tell the same the physically nearest, which comes first
-            same = [r for r in close if r.candidate.term.effect is chosen.candidate.term.effect]
-            same = [r for r in same if r.candidate.free == chosen.candidate.free]
-            chosen = min(same, key=lambda r: (bool(r.candidate.term.unit), self._rank_of(r.candidate.term)))
+        if chosen is not None:
+            chosen = self._nearest([r for r in close if r.candidate.free == chosen.candidate.free], chosen)
         if chosen is not None and ranked[0] is not chosen and ranked[0].gain > 3.0 * max(chosen.gain, 1.0):
             chosen = None
+        if chosen is not None:
+            further = self._other_variants(base, screening, chosen, ranked)
+            better = [r for r in self._sure(base, chance, further) if not is_as_good(chosen, r)]
+            if better:
+                chosen = self._nearest([r for r in better if is_as_good(r, better[0])], better[0])
+            ranked = sorted([*ranked, *further], key=lambda r: -r.gain)
         p_value = chance.p_value(evidence(ranked[0], self.surcharge)) if ranked else 1.0
         return Stage(base=base, threshold=threshold, p_value=p_value, ranked=ranked, chosen=chosen)
+
+    def _nearest(self, close: Sequence[Ranked], chosen: Ranked) -> Ranked:
+        """Of the chosen effect's drivers that tell the same the physically nearest, which comes first."""
+        same = [r for r in close if r.candidate.term.effect is chosen.candidate.term.effect]
+        return min(same, key=lambda r: (bool(r.candidate.term.unit), self._rank_of(r.candidate.term)))
+
+    def _sure(self, base: Fit, chance: Screening, ranked: Sequence[Ranked]) -> list[Ranked]:
+        """Those that may be named beside the base's terms."""
+        threshold = chance.threshold(LEVEL_FURTHER if base.terms else LEVEL_NAME)
+        first = chance.threshold(LEVEL_NAME)  # where no name of its kind, of steps or within them, acts yet
+        sure = [r for r in ranked if evidence(r, self.surcharge) > (first if r.alone else threshold)]
+        sure = [r for r in sure if not is_misfit(self.full, base, r, self.gains)]
+        return [r for r in sure if not is_rounding(self.full, base, r)]
+
+    def _other_variants(
+        self, base: Fit, screening: Screening, chosen: Ranked, ranked: Sequence[Ranked]
+    ) -> list[Ranked]:
+        """Variants of the chosen effect that the shortlist left out: to first order a strong one promises little."""
+        term, tried = chosen.candidate.term, {r.candidate.term.label for r in ranked}
+        further = [
+            c for c in screening.candidates
+            if c.term.effect is term.effect and c.term.unit == term.unit and c.term.label not in tried
+            and set(c.term.variant.channels) & set(term.variant.channels) and not is_repeat(base, c)
+        ]  # fmt: skip
+        return self.rank(base, further[:POLISHED])
 
     def _constants_explained(self, base: Fit, stage: Stage, chance: Screening) -> Stage:
         """Try the effects without free constants where these are large: an effect may explain the constant as well.
@@ -356,24 +374,6 @@ class Search:
         apart = acts_alone(self.full, polished.terms)
         return Ranked(candidate=candidate, fit=polished, gain=gain, robust=robust, alone=apart)
 
-    def _settle(self, chosen: Fit, stage: Stage) -> Fit:
-        """Swap pass: would another effect in an earlier place do better now? Backward pass: is each still needed?"""
-        best = chosen
-        if len(best.terms) < 2:
-            return best
-        for index in range(len(best.terms) - 1):
-            rest = tuple(t for k, t in enumerate(best.terms) if k != index)
-            without = finish(self.full, fit(self.full, rest, rounds=4))
-            needed = best.log_likelihood - without.log_likelihood - PRICE * (len(best.keys) - len(without.keys))
-            if needed < PATTERN_ODDS * stage.threshold:
-                return self._settle(without, stage) if len(rest) > 1 else without
-            again = screen(self.small, self.variants, rest)
-            options = [c for c in shortlist(again.candidates)[:6] if c.term.label != best.terms[index].label]
-            ranked = self.rank(without, options)
-            if ranked and ranked[0].gain > needed + 1.0:
-                best = ranked[0].fit
-        return best
-
 
 def _simplest(ranked: Ranked) -> tuple[int, float, str]:
     """Order of candidates that explain as much; equal ones in the order of their names, not of rounding errors."""
@@ -383,17 +383,3 @@ def _simplest(ranked: Ranked) -> tuple[int, float, str]:
 def constant_z(d: ChannelData, state: State) -> float:
     """Largest significance of a unit's constant gain or offset."""
     return float(np.max(np.abs(d.constants(d.residual(state))) / d.constant_errors))
-
-
-def shortlist(candidates: Sequence[Candidate], size: int = SHORTLIST, per_effect: int = 2) -> list[Candidate]:
-    """The best candidates, at most so many of one effect and one of each variant's twins."""
-    counts: dict[str, int] = {}
-    chosen: list[Candidate] = []
-    for candidate in candidates:
-        name = candidate.term.effect.id
-        if counts.get(name, 0) < per_effect:
-            counts[name] = counts.get(name, 0) + 1
-            chosen.append(candidate)
-        if len(chosen) == size:
-            break
-    return chosen

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Option, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_avalanche import bias_column, breakdown, multiplication
 from arl_fixtures.reconcile.effects_common import (
     above,
     amplitude,
@@ -25,7 +27,9 @@ from arl_fixtures.reconcile.view import View
 class DarkOffset(Effect):
     """I += dark · 2^((T − T_top) / doubling), with its shot noise; T_top is the table's highest temperature.
 
-    Without a temperature in the table the offset is constant.
+    Without a temperature in the table the offset is constant. Where the bias of an avalanche detector is swept, also
+    as what is multiplied with the light: the more, the nearer the bias V to breakdown, by (1 − V_top²/V_b²) /
+    (1 − V²/V_b²).
     """
 
     id = "detector.dark_offset"
@@ -40,7 +44,8 @@ class DarkOffset(Effect):
         columns = temperature_drivers(
             view, "tof_temperature_c", "fpga_temperature_c", "housing_temperature_c", limit=2, never=("laser_",)
         )
-        for channel in signals(view):
+        bias = bias_column(view)
+        for channel, multiplied in itertools.product(signals(view), ("", bias) if bias else ("",)):
             unit, top = unit_of(channel), top_signal(view, channel)
             for column in columns or ("",):
                 parameters = [amplitude("dark", unit, 0.0, 0.5 * top, 0.01 * top)]
@@ -48,6 +53,9 @@ class DarkOffset(Effect):
                     parameters.append(shape("doubling", "K", 4.0, 40.0, 9.0))
                 highest = _highest(view, column)
                 options: dict[str, Option] = {"channel": channel, "temperature": column, "highest": highest}
+                if multiplied:
+                    parameters.append(breakdown(view, multiplied))
+                    options |= {"bias": multiplied, "highest_bias": view.span(multiplied)[1]}
                 shot, seen = noise_law(view, channel)[1], with_scatter(view, channel)
                 if len(seen) > 1:  # only a scatter that was measured can tell
                     start = shot if shot > 0.0 else 1e-3 * top
@@ -59,7 +67,7 @@ class DarkOffset(Effect):
                     options=options,
                     parameters=tuple(parameters),
                     channels=seen,
-                    drivers=(column,) if column else (f"sim_{channel}",),
+                    drivers=(*((column,) if column else (f"sim_{channel}",)), *((multiplied,) if multiplied else ())),
                 )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
@@ -69,6 +77,10 @@ class DarkOffset(Effect):
         if column:
             colder = above(view, column, float(variant.options["highest"]))
             added = added * np.exp2(np.clip(colder / float(values["doubling"]), -200.0, 8.0))
+        if "bias" in variant.options:
+            bias, at = view.number(str(variant.options["bias"])), float(values["breakdown"])
+            most = multiplication(np.full(1, float(variant.options["highest_bias"])), at, _ORDER)
+            added = added * multiplication(bias, at, _ORDER) / most
         state[channel] = state[channel] + added
         scatter = f"{channel}_std"
         if scatter in state:
@@ -78,6 +90,10 @@ class DarkOffset(Effect):
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel, column = variant.options["channel"], variant.options["temperature"]
+        if "bias" in variant.options:
+            grown = f" * 2^(({column} - {variant.options['highest']}) / doubling)" if column else ""
+            gain = f"1 / (1 - ({variant.options['bias']} / breakdown)^2)"
+            return f"{channel} += dark{grown} * {gain}, over that at {variant.options['highest_bias']} V"
         if not column:
             return f"{channel} += dark; {channel}_std^2 += shot * dark"
         return (
@@ -99,6 +115,10 @@ class DarkOffset(Effect):
     def next_experiment(self, variant: Variant) -> str:
         """What tells it from glare."""
         return "Cover the window and repeat the hottest step: a dark signal stays, glare and gain errors vanish."
+
+
+_ORDER = 2.0
+"""Of Miller's law for a dark signal, whose shape over the bias tells little beside the breakdown voltage."""
 
 
 def _highest(view: View, column: str) -> float:

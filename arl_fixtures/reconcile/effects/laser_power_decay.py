@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Stage, Values, Variant
+from arl_fixtures.reconcile.effect import Option, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     LightFactor,
@@ -17,11 +17,13 @@ from arl_fixtures.reconcile.effects_common import (
     light_channels,
     per_view,
     rounded,
+    set_light,
     shape,
     signals,
     temperature_drivers,
 )
 from arl_fixtures.reconcile.effects_history import History, history, on_rows, time_column
+from arl_fixtures.reconcile.effects_light_current import is_swept, shifted
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
@@ -29,7 +31,12 @@ _BOLTZMANN_EV = 8.617e-5
 
 
 class PowerDecay(LightFactor):
-    """I *= exp(−loss · age^exponent), age from 0 to 1 over the table; or age weighted by exp(−E/kT)."""
+    """I *= exp(−loss · age^exponent), age from 0 to 1 over the table; or age weighted by exp(−E/kT).
+
+    * age: a column that counts it; of one that counts cycles also with the time within the cycle as a part of one.
+    * curve (where a drive current is swept): I(J) = exp(−loss·a^exponent) · I_sim(J − threshold_rise·a^exponent):
+      what is lost in the cavity raises the threshold and lowers the slope.
+    """
 
     id = "laser.power_decay"
     stage = Stage.LASER
@@ -40,18 +47,37 @@ class PowerDecay(LightFactor):
         """One per column that counts age, and one per time weighted by temperature."""
         columns = age_drivers(view)
         warm = temperature_drivers(view, "laser_temperature_c", "housing_temperature_c", limit=2)
+        currents = [name for name in view.covariates("_a") if "tec" not in name and is_swept(view, name)]
         for channel in signals(view):
             for column in columns:
+                plain: dict[str, Option] = {"channel": channel, "age": column, "temperature": ""}
+                loss = amplitude("loss", "1", 0.0, 3.0, 0.05)
+                exponent = shape("exponent", "1", 0.25, 3.0, 1.0)
                 yield Variant(
                     effect=self.id,
-                    options={"channel": channel, "age": column, "temperature": "", **age_options(view, column)},
-                    parameters=(
-                        amplitude("loss", "1", 0.0, 3.0, 0.05),
-                        shape("exponent", "1", 0.25, 3.0, 1.0),
-                    ),
+                    options={**plain, **age_options(view, column)},
+                    parameters=(loss, exponent),
                     channels=light_channels(view, channel),
                     drivers=(column,),
                 )
+                if column == "cycle" and view.varies("time_s"):
+                    yield Variant(
+                        effect=self.id,
+                        options={**plain, **_running_options(view)},
+                        parameters=(loss, exponent),
+                        channels=light_channels(view, channel),
+                        drivers=(column, "time_s"),
+                    )
+                for current in currents[:1]:
+                    reach = float(np.subtract(*view.span(current)[::-1]))
+                    rise = amplitude("threshold_rise", "A", 0.0, reach, 0.02 * reach)
+                    yield Variant(
+                        effect=self.id,
+                        options={**plain, **age_options(view, column), "current": current},
+                        parameters=(rise, loss, exponent),
+                        channels=light_channels(view, channel),
+                        drivers=(column, current),
+                    )
             housing = [name for name in warm if not name.startswith("laser_")]
             if housing and history(view, housing[0]) is not None:
                 column = time_column(view)
@@ -72,8 +98,18 @@ class PowerDecay(LightFactor):
                     drivers=(column, housing[0]),
                 )
 
+    def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
+        """Moves the light-current curve where there is one, then multiplies the light."""
+        if "current" not in variant.options:
+            super().apply(variant, values, state, view)
+            return
+        channel, current = str(variant.options["channel"]), str(variant.options["current"])
+        rise = float(values["threshold_rise"]) * _age(variant, values, view)
+        light = state[channel] + shifted(view, channel, current, "", rise)
+        set_light(view, state, channel, light * self.factor(variant, values, view))
+
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
-        """Relative power at the row's age."""
+        """Relative power at the row's age, but for a threshold."""
         if variant.options["temperature"]:
             record = history(view, str(variant.options["temperature"]))
             if record is None:
@@ -82,13 +118,7 @@ class PowerDecay(LightFactor):
             origin = float(variant.options["reference"])
             worn = on_rows(view, _wear(record, float(values["activation_energy"]), origin)) / length
             return np.exp(-np.minimum(float(values["loss"]) * worn, 20.0))
-        column = str(variant.options["age"])
-        since = per_view(
-            view, ("log age", variant.label), lambda: np.log(np.maximum(aged(view, variant, column), 1e-12))
-        )
-        return np.asarray(
-            np.exp(-np.minimum(float(values["loss"]) * np.exp(float(values["exponent"]) * since), 20.0))
-        )
+        return np.asarray(np.exp(-np.minimum(float(values["loss"]) * _age(variant, values, view), 20.0)))
 
     def expression(self, variant: Variant) -> str:
         """The law."""
@@ -99,7 +129,12 @@ class PowerDecay(LightFactor):
                 f"{channel} *= exp(-loss * W), W = time weighted by exp(-activation_energy / k {warm}), "
                 f"1 = the record's length at {variant.options['reference']} °C"
             )
-        return f"{channel} *= exp(-loss * a^exponent), a = {column} from 0 (first) to 1 (last)"
+        if "within" in variant.options:
+            column = f"{column} + {variant.options['within']} / {variant.options['period']:g}"
+        law = f"{channel} *= exp(-loss * a^exponent), a = {column} from 0 (first) to 1 (last)"
+        if "current" in variant.options:
+            law = f"{channel} = {channel}({variant.options['current']} - threshold_rise * a^exponent), then {law}"
+        return law
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Loss from first to last."""
@@ -116,6 +151,31 @@ class PowerDecay(LightFactor):
             "pump "
             "time or drive current, which move before the power does."
         )
+
+
+def _running_options(view: View) -> dict[str, Option]:
+    """Options of an age that runs on within a cycle: cycles follow each other, each as long as the longest seen."""
+    period = rounded(float(view.span("time_s")[1]))
+    numbers = view.columns.numbers
+    running = numbers["cycle"] + numbers["time_s"] / period
+    low, high = float(np.nanmin(running)), float(np.nanmax(running))
+    return {"first": rounded(low), "last": rounded(high), "within": "time_s", "period": period}
+
+
+def _age(variant: Variant, values: Values, view: View) -> FloatArray:
+    """Age to the power of the exponent, on every row."""
+
+    def logarithm() -> FloatArray:
+        column = str(variant.options["age"])
+        if "within" not in variant.options:
+            return np.log(np.maximum(aged(view, variant, column), 1e-12))
+        first, last = float(variant.options["first"]), float(variant.options["last"])
+        within = view.number(str(variant.options["within"])) / float(variant.options["period"])
+        running = (view.number(column) + within - first) / (last - first)
+        return np.asarray(np.log(np.maximum(np.nan_to_num(running), 1e-12)))
+
+    since = per_view(view, ("log age", variant.label), logarithm)
+    return np.exp(float(values["exponent"]) * since)
 
 
 def _plain(column: str) -> str:

@@ -20,7 +20,7 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
     temperature_drivers,
 )
-from arl_fixtures.reconcile.effects_light_current import continued, light_current, shifted
+from arl_fixtures.reconcile.effects_light_current import continued, is_swept, light_current, shifted
 from arl_fixtures.reconcile.effects_logged import step_mean
 from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.view import View
@@ -49,14 +49,14 @@ class ThermalRolloff(LightFactor):
         columns = temperature_drivers(view, "laser_temperature_c", "heatsink_temperature_c", "housing_temperature_c")
         currents = [name for name in view.covariates("_a") if "tec" not in name]
         for channel in signals(view):
-            for current in [name for name in currents[:1] if _swept(view, name)]:
+            for current in [name for name in currents[:1] if is_swept(view, name)]:
                 yield self._by_own_heat(view, channel, current, columns[0] if columns else "")
             for column in columns[:2]:
                 low, high = view.span(column)
                 wide = high - low
                 slope = amplitude("slope", "1/K", 0.0, 4.0 / wide, 0.05 / wide)
                 growth = shape("growth", "1/K", 0.0, 8.0 / wide, 0.0, 3.0 / wide)
-                if currents and _swept(view, currents[0]):
+                if currents and is_swept(view, currents[0]):
                     reach = float(np.subtract(*view.span(currents[0])[::-1]))
                     shift = amplitude("threshold_shift", "A/K", 0.0, reach / wide, 0.02 * reach / wide)
                     loss = amplitude("loss", "1/K", -1.0 / wide, 3.0 / wide, 0.05 / wide)
@@ -201,12 +201,6 @@ class ThermalRolloff(LightFactor):
             "pump "
             "time: the laser's loss follows its own temperature, the detector's gain does not."
         )
-
-
-def _swept(view: View, current: str) -> bool:
-    """Whether the current is driven through a range, rather than scattering about its set value."""
-    low, high = view.span(current)
-    return (high - low) > 0.3 * max(abs(high), abs(low))
 
 
 def _warmest_knee(view: View, column: str) -> float:

@@ -1,0 +1,101 @@
+"""After a further effect: is each earlier one still needed, and would another one do better in its place?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from arl_fixtures.reconcile.acceptance import PATTERN_ODDS, PRICE, evidence, is_misfit
+from arl_fixtures.reconcile.fit import Fit, finish, fit
+from arl_fixtures.reconcile.problem import Problem, scale_of
+from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.screen import Candidate, screen
+from arl_fixtures.reconcile.terms import Term, forward
+
+if TYPE_CHECKING:
+    from arl_fixtures.reconcile.search import Search, Stage
+
+SHORTLIST, PER_EFFECT = 16, 2
+OPTIONS = 6
+"""Candidates that are tried in the place of an effect."""
+
+
+def settle(search: Search, chosen: Fit, stage: Stage) -> Fit:
+    """Swap pass: would another effect in an earlier place do better now? Backward pass: is each still needed?"""
+    best, problem = chosen, search.full
+    if len(best.terms) < 2:
+        return best
+    for index in range(len(best.terms) - 1):
+        rest = tuple(t for k, t in enumerate(best.terms) if k != index)
+        without = finish(problem, fit(problem, rest, rounds=4))
+        needed = best.log_likelihood - without.log_likelihood - PRICE * (len(best.keys) - len(without.keys))
+        if needed < PATTERN_ODDS * stage.threshold:
+            return settle(search, without, stage) if len(rest) > 1 else without
+        best = _swapped(search, best, rest, best.terms[index].label, stage)
+    return best
+
+
+def _swapped(search: Search, best: Fit, rest: tuple[Term, ...], label: str, stage: Stage) -> Fit:
+    """The fit with another effect in the place of `label`, if one that may be named does better; else as it was.
+
+    All are judged as in a round: gains of pixels and units belong to what the `rest` corrects. Gains that followed
+    the effect to be replaced would bring it back under any name that switches the rest of a signal off.
+    """
+    problem = search.full
+    with following((problem, search.small), rest):
+        without = finish(problem, fit(problem, rest, rounds=4))
+        present = finish(problem, fit(problem, best.terms, rounds=2))
+        needed = present.log_likelihood - without.log_likelihood - PRICE * (len(best.keys) - len(without.keys))
+        again = screen(search.small, search.variants, rest)
+        options = [c for c in shortlist(again.candidates)[:OPTIONS] if c.term.label != label]
+        better = [r for r in search.rank(without, options) if r.gain > needed + 1.0]
+        gains = gains_of(problem, without) if better else {}
+        named = [
+            r for r in better
+            if evidence(r, search.surcharge) > stage.threshold and not is_misfit(problem, without, r, gains)
+        ]  # fmt: skip
+    return finish(problem, fit(problem, named[0].fit.terms, rounds=2)) if named else best
+
+
+@contextmanager
+def following(problems: Sequence[Problem], terms: Sequence[Term]) -> Iterator[None]:
+    """Problems whose gains and shared errors are parts of what `terms` correct, for as long as that is asked for."""
+    kept = [(d, d.scale, d.levels, d.tau) for problem in problems for d in problem.data]
+    for problem in problems:
+        state = forward(terms, problem.view)
+        for d in problem.data:
+            if d.channel.role is Role.INTENSITY:
+                d.relate_to(scale_of(state[d.channel.name][d.use]))
+                d.rebuild(d.tau)
+    try:
+        yield
+    finally:
+        for d, scale, levels, tau in kept:
+            d.scale, d.levels = scale, levels
+            d.rebuild(tau)
+
+
+def gains_of(problem: Problem, best: Fit) -> dict[int, float]:
+    """How much each effect gains beside the others."""
+    gains = {}
+    for index in range(len(best.terms)):
+        rest = tuple(t for k, t in enumerate(best.terms) if k != index)
+        gains[index] = 0.5 * (fit(problem, rest, rounds=2).chi2 - best.chi2)
+    return gains
+
+
+def shortlist(
+    candidates: Sequence[Candidate], size: int = SHORTLIST, per_effect: int = PER_EFFECT
+) -> list[Candidate]:
+    """The best candidates, at most so many of one effect and one of each variant's twins."""
+    counts: dict[str, int] = {}
+    chosen: list[Candidate] = []
+    for candidate in candidates:
+        name = candidate.term.effect.id
+        if counts.get(name, 0) < per_effect:
+            counts[name] = counts.get(name, 0) + 1
+            chosen.append(candidate)
+        if len(chosen) == size:
+            break
+    return chosen
