@@ -6,9 +6,10 @@ import pytest
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.columns import Columns, find_channels
 from arl_fixtures.reconcile.direct import loss, refine
-from arl_fixtures.reconcile.effects_camera import camera_of
+from arl_fixtures.reconcile.effects_bench import bench_of, is_sharp
+from arl_fixtures.reconcile.effects_camera import cameras_of
 from arl_fixtures.reconcile.effects_rays import Pose
-from arl_fixtures.reconcile.effects_render import bench_of, is_sharp, rendered
+from arl_fixtures.reconcile.effects_render import rendered
 from arl_fixtures.reconcile.fit import fit, hold_back_edges, steady_jacobian
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.screen import screen
@@ -133,7 +134,7 @@ def test_the_height_of_a_dut_is_read_from_its_simulation(height_m):
 
 def test_another_lens_is_read_from_the_rays():
     view = View(table(fx=63.0))
-    assert camera_of(view).fx == pytest.approx(63.0, rel=1e-4)
+    assert cameras_of(view)[0].fx == pytest.approx(63.0, rel=1e-4)
     assert is_sharp(view)
 
 
