@@ -53,8 +53,12 @@ class Camera:
 
     def log_beam(self, u: FloatArray, v: FloatArray) -> FloatArray:
         """Logarithm of the nominal illumination of pixels."""
-        azimuth, elevation = self.angles_deg(u, v)
-        return -((azimuth / _BEAM_DEG[0]) ** 4) - (elevation / _BEAM_DEG[1]) ** 4
+        return self.log_beam_at(*self.angles_deg(u, v))
+
+    @staticmethod
+    def log_beam_at(azimuth_deg: FloatArray, elevation_deg: FloatArray) -> FloatArray:
+        """Logarithm of the nominal illumination in directions."""
+        return np.asarray(-((azimuth_deg / _BEAM_DEG[0]) ** 4) - (elevation_deg / _BEAM_DEG[1]) ** 4)
 
 
 def cameras_of(view: View) -> tuple[Camera, ...]:

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_bounce import bounced
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     amplitude,
@@ -176,9 +177,11 @@ def _beside(view: View, state: State, channel: str) -> FloatArray:
 def room(view: View) -> tuple[FloatArray, FloatArray] | None:
     """Light that each row's target gets from all others, over its mean, and that light's extra one-way path.
 
-    Of every row of the whole table; None where the scene is not scanned over the bearing.
+    Of every row of the whole table: of the rendered bench where that is known, else of what the sweep shows; None
+    where the scene is not scanned over the bearing.
     """
-    return per_table(view, "room", lambda: _room(view))
+    rendered = bounced(view)
+    return per_table(view, "room", lambda: _room(view)) if rendered is None else rendered
 
 
 def _room(view: View) -> tuple[FloatArray, FloatArray] | None:
