@@ -7,7 +7,7 @@ jumps at edges as those do, else through soft beamlets.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _MOST_KEPT = 12_000_000  # numbers: 100 MB
+_FINE, _MOST_FOOTPRINTS = 5, 20
 _WIDEST_PX = 2
 _TAPS = tuple((du, dv) for du in range(-_WIDEST_PX, _WIDEST_PX + 1) for dv in range(-_WIDEST_PX, _WIDEST_PX + 1))
 
@@ -149,3 +150,29 @@ def _beside(bench: Bench, numbers: IntArray) -> list[tuple[FloatArray, FloatArra
         light, moment = look(bench.optics, other)
         found.append((beam * light, beam * moment))
     return found
+
+
+def footprint(view: View, filled: float) -> dict[str, FloatArray] | None:
+    """Relative light and range of the rows' pixels if each sees the mean over its area, not some sharp rays.
+
+    Args:
+        view: rows under work.
+        filled: width of the area that a pixel sees, in pixels.
+
+    Returns:
+        As `rendered`; None where nothing can be rendered.
+    """
+    bench = bench_of(view)
+    if bench is None:
+        return None
+    numbers, _, back = distinct_spots(view, bench)
+    kept = per_view(view, "footprints", dict[float, tuple[FloatArray, FloatArray]])
+    if filled not in kept:
+        if len(kept) >= _MOST_FOOTPRINTS:
+            kept.clear()
+        soft = replace(
+            bench.optics, rays=_FINE, soft_rad=filled / (_FINE * bench.optics.camera.fx), filled=filled
+        )  # fmt: skip
+        kept[filled] = look(soft, bench.spots.take(numbers))
+    light, moment = kept[filled]
+    return _by_channel(view, bench, light[back], moment[back])
