@@ -65,19 +65,42 @@ def _of_spots(bench: Bench) -> tuple[FloatArray, FloatArray]:
     for start in range(0, spots.u.size, _CHUNK):
         rows = slice(start, start + _CHUNK)
         some = spots.take(rows)
-        ahead, left, up = (part[:, 0] for part in rays_of(one, some))
-        direct, moment = look(one, some)
-        range_m = moment / direct
-        turn = np.radians(some.stage_deg)
-        # the bench stands still: what lies ahead of a turned sensor lies at bearing −stage, counted to the left
-        ray = np.stack(
-            [ahead * np.cos(turn) + left * np.sin(turn), left * np.cos(turn) - ahead * np.sin(turn), up], axis=1
-        )  # fmt: skip
+        ray, range_m, normal = aimed(one, some)
         target = ray * range_m[:, None]
-        normal = _normals(scene, target)
         target[:, 2] += some.height_m
         light[rows], detour[rows] = _two_bounces(bench, some, patches, target, normal, ray, range_m)
     return light, detour
+
+
+def aimed(optics: Optics, spots: Spots) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The ray through each spot's centre in the bench's frame, its range in metres and the normal where it ends."""
+    ahead, left, up = (part[:, 0] for part in rays_of(optics, spots))
+    light, moment = look(optics, spots)
+    range_m = moment / light
+    turn = np.radians(spots.stage_deg)
+    # the bench stands still: what lies ahead of a turned sensor lies at bearing −stage, counted to the left
+    ray = np.stack(
+        [ahead * np.cos(turn) + left * np.sin(turn), left * np.cos(turn) - ahead * np.sin(turn), up], axis=1
+    )  # fmt: skip
+    return ray, range_m, _normals(optics.scene, ray * range_m[:, None])
+
+
+def incidence_deg(view: View) -> FloatArray | None:
+    """Angle of incidence at the centre of every row's pixel, of the whole table.
+
+    As the table says; where it does not, on the surfaces of the bench. None where neither is known.
+    """
+    if view.varies("incidence_deg"):
+        return view.columns.numbers["incidence_deg"]
+    bench = None if view.has("incidence_deg") else bench_of(view)
+    return None if bench is None else per_table(view, "incidence", lambda: _incidence(bench))
+
+
+def _incidence(bench: Bench) -> FloatArray:
+    one = Optics(camera=bench.optics.camera, rays=1, soft_rad=0.0, scene=bench.optics.scene)
+    ray, _, normal = aimed(one, bench.spots)
+    cosine = np.clip(-np.sum(ray * normal, axis=1), 0.0, 1.0)
+    return np.asarray(np.degrees(np.arccos(cosine))[bench.index])
 
 
 def _two_bounces(
