@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Option, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_avalanche import multiplication, of_options
 from arl_fixtures.reconcile.effects_common import (
     above,
     amplitude,
@@ -25,7 +26,8 @@ from arl_fixtures.reconcile.view import View
 class DarkOffset(Effect):
     """I += dark · 2^((T − T_top) / doubling), with its shot noise; T_top is the table's highest temperature.
 
-    Without a temperature in the table the offset is constant.
+    Without a temperature in the table the offset is constant. Before an avalanche it is multiplied by the gain, which
+    the simulation shows over the bias voltage: dark is then that at the highest bias.
     """
 
     id = "detector.dark_offset"
@@ -54,12 +56,19 @@ class DarkOffset(Effect):
                     parameters.append(shape("shot", f"{unit}^2/{unit}", 0.0, 20.0 * start, start))
                 else:
                     options["shot"] = rounded(shot)
+                drivers = (column,) if column else (f"sim_{channel}",)
+                known = multiplication(view, channel)
+                if known is not None:
+                    more: dict[str, Option] = {
+                        "bias": known.column, "breakdown": rounded(known.breakdown_v),
+                        "exponent": rounded(known.exponent), "highest_bias": rounded(view.span(known.column)[1]),
+                    }  # fmt: skip
+                    yield Variant(
+                        effect=self.id, options=options | more, parameters=tuple(parameters), channels=seen,
+                        drivers=(*drivers, known.column),
+                    )  # fmt: skip
                 yield Variant(
-                    effect=self.id,
-                    options=options,
-                    parameters=tuple(parameters),
-                    channels=seen,
-                    drivers=(column,) if column else (f"sim_{channel}",),
+                    effect=self.id, options=options, parameters=tuple(parameters), channels=seen, drivers=drivers
                 )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
@@ -69,6 +78,10 @@ class DarkOffset(Effect):
         if column:
             colder = above(view, column, float(variant.options["highest"]))
             added = added * np.exp2(np.clip(colder / float(values["doubling"]), -200.0, 8.0))
+        if "bias" in variant.options:
+            law = of_options(variant)
+            gain = law.gain(np.nan_to_num(view.number(law.column)) / law.breakdown_v)
+            added = added * gain / law.gain(float(variant.options["highest_bias"]) / law.breakdown_v)
         state[channel] = state[channel] + added
         scatter = f"{channel}_std"
         if scatter in state:
@@ -80,9 +93,14 @@ class DarkOffset(Effect):
         channel, column = variant.options["channel"], variant.options["temperature"]
         if not column:
             return f"{channel} += dark; {channel}_std^2 += shot * dark"
+        multiplied = ""
+        if "bias" in variant.options:
+            bias, breakdown, exponent = (variant.options[name] for name in ("bias", "breakdown", "exponent"))
+            ratio = f" * M({bias}) / M({variant.options['highest_bias']})"
+            multiplied = f"{ratio}, M(V) = 1 / (1 - (V / {breakdown})^{exponent})"
         return (
-            f"{channel} += dark * 2^(({column} - {variant.options['highest']}) / doubling); {channel}_std^2 += shot "
-            "* added"
+            f"{channel} += dark * 2^(({column} - {variant.options['highest']}) / doubling){multiplied}; "
+            f"{channel}_std^2 += shot * added"
         )
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
