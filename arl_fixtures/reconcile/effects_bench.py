@@ -168,6 +168,7 @@ def _through(view: View, camera: Camera, code: IntArray, first: IntArray) -> Ben
     signal, beam = table.numbers[f"sim_{signals(view)[0]}"][first], np.exp(camera.log_beam(u, v))
     range_m = table.numbers[f"sim_{distances(view)[0]}"][first] / unit
     heights, pedestal, ahead, samples = np.zeros(first.size), np.zeros(first.size), np.zeros(first.size), []
+    places: list[IntArray] = []
     for dut in range(int(device.max()) + 1):
         mine = np.flatnonzero(device == dut)
         some = mine[np.unique(np.linspace(0, mine.size - 1, min(_CHECKED, mine.size)).astype(np.int64))]
@@ -183,6 +184,7 @@ def _through(view: View, camera: Camera, code: IntArray, first: IntArray) -> Ben
         pedestal[mine] = sample.pedestal / sample.gain / beam[mine]
         ahead[mine] = sample.ahead_m
         samples.append((sample, height))
+        places.append(mine)
     optics = next(
         (
             sharp
@@ -191,6 +193,10 @@ def _through(view: View, camera: Camera, code: IntArray, first: IntArray) -> Ben
         ),
         soft,
     )
+    if optics is not soft:  # sharp rays tell heights apart that look alike through soft ones: circles repeat
+        for mine, (sample, height) in zip(places, samples, strict=True):
+            off = {h: _unequal(*sample.off(optics, h), sample.pixel) for h in (height, *_HEIGHTS_M)}
+            heights[mine] = min(off, key=lambda h: off[h])
     frame = np.unique(device * 1_000_000 + np.round(stage * 100.0), return_inverse=True)[1]
     spots = Spots(u=u, v=v, stage_deg=stage, height_m=heights)
     return Bench(

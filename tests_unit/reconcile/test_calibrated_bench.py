@@ -245,3 +245,10 @@ def test_a_wave_that_is_the_same_on_all_rows_of_the_table_is_no_pattern():
             values | zeros,
         )[0]  # fmt: skip
         assert np.max(np.abs(seen - columns.numbers[f"sim_{LIGHT}"])) < 1e-6
+
+
+@pytest.mark.parametrize("seed", [5, 6, 7, 8])
+def test_a_few_rays_tell_the_height_though_circles_repeat(seed):
+    found = bench_of(View(through_centre_rays(angles=5, pixels=60, seed=seed)))
+    assert found is not None
+    assert set(found.spots.height_m) == {0.10}
