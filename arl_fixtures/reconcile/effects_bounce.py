@@ -60,7 +60,9 @@ def _of_spots(bench: Bench) -> tuple[FloatArray, FloatArray]:
     """Twice-bounced over direct light of each spot, and its extra one-way path in metres."""
     scene, spots = bench.optics.scene, bench.spots
     one = Optics(camera=bench.optics.camera, rays=1, soft_rad=0.0, scene=scene)
-    patches = _patches_of(scene)
+    ray, range_m, _ = aimed(one, spots)
+    seen = [panel for panel in scene.panels if _on(panel, ray * range_m[:, None]).any()]
+    patches = _patches_of(scene.model_copy(update={"panels": tuple(seen)}))  # of others the table tells nothing
     light, detour = np.zeros(spots.u.size), np.zeros(spots.u.size)
     for start in range(0, spots.u.size, _CHUNK):
         rows = slice(start, start + _CHUNK)
@@ -145,11 +147,17 @@ def _normals(scene: SceneSettings, place: FloatArray) -> FloatArray:
     normal[:, :2] = -place[:, :2] / level[:, None]
     for panel in scene.panels:
         angle = np.radians(panel.azimuth_deg)
-        c, s = float(np.cos(angle)), float(np.sin(angle))
-        on = np.abs(place[:, 0] * c + place[:, 1] * s - panel.radius_m) < _ON_PLANE_M
-        on &= np.abs(place[:, 1] * c - place[:, 0] * s) <= 0.5 * panel.width_m + _ON_PLANE_M
-        normal[on] = (-c, -s, 0.0)
+        normal[_on(panel, place)] = (-float(np.cos(angle)), -float(np.sin(angle)), 0.0)
     return normal
+
+
+def _on(panel: Panel, place: FloatArray) -> NDArray[np.bool_]:
+    """Whether points lie on a panel."""
+    angle = np.radians(panel.azimuth_deg)
+    c, s = float(np.cos(angle)), float(np.sin(angle))
+    aside = np.abs(place[:, 1] * c - place[:, 0] * s)
+    on_plane = np.abs(place[:, 0] * c + place[:, 1] * s - panel.radius_m) < _ON_PLANE_M
+    return np.asarray(on_plane & (aside <= 0.5 * panel.width_m + _ON_PLANE_M))
 
 
 def _patches_of(scene: SceneSettings) -> _Patches:
