@@ -165,7 +165,9 @@ class Search:
         untouched = self.full.view.sim
         for d in self.full.data:
             if best.state[d.channel.name] is not untouched[d.channel.name]:
-                d.free_zero()
+                moved = (best.state[d.channel.name] - untouched[d.channel.name])[d.use]
+                if np.std(moved) > np.abs(np.mean(moved)):  # else what was named is a zero itself
+                    d.free_zero()
                 d.follow(best.state)
                 self.looker.calibrate(d, best.state)
         hold_back_edges(self.full, best)
@@ -175,7 +177,7 @@ class Search:
                 whole = next(d for d in self.full.data if d.channel.name == part.channel.name)
                 place = np.searchsorted(self.full.view.rows[whole.use], self.small.view.rows[part.use])
                 part.trust, part.spread = whole.trust[place], whole.spread
-                if best.state[part.channel.name] is not untouched[part.channel.name]:
+                if any(level.name == "unit" for level in whole.levels):
                     part.free_zero()
                 part.relate_to(whole.scale[place])
                 part.rebuild(whole.tau)
