@@ -34,8 +34,8 @@ _SMALLEST = 1e-300
 SIDE_SHARE = 0.5
 """Share of a gain from which it lives on the side effects of others, and what it must be of what these gain there."""
 TWIN_GAIN, LEAST_ROBUST = 2.0, 0.1
-"""Of candidates that differ by less in log-likelihood the one with fewest parameters is taken: as a test that allows
-for shared errors counts it, down to this share of the plain one."""
+"""Of candidates that differ by less in log-likelihood the one with fewest parameters is taken; where both move edges,
+as a test that allows for shared errors counts it, down to this share of the plain one."""
 PATTERN_ODDS = 0.65
 """Share of the threshold that an effect must gain over free patterns of pixels and angles in its place."""
 
@@ -81,8 +81,14 @@ def evidence(ranked: Ranked, surcharge: float) -> float:
 
 
 def is_as_good(ranked: Ranked, best: Ranked) -> bool:
-    """Whether a candidate explains as much as the best one, to what rows with shared errors can tell."""
-    share = float(np.clip(best.robust / best.gain, LEAST_ROBUST, 1.0)) if best.gain > 0.0 else 1.0
+    """Whether a candidate explains as much as the best one: of two that move edges, to what edges can tell.
+
+    The light of a pixel at an edge is in error by the same in all steps, so that a test which allows for shared errors
+    counts much less than the likelihood says.
+    """
+    share = 1.0
+    if best.gain > 0.0 and all(r.fit.terms[-1].effect.displaces for r in (ranked, best)):
+        share = float(np.clip(best.robust / best.gain, LEAST_ROBUST, 1.0))
     return share * (best.gain - ranked.gain) < TWIN_GAIN
 
 

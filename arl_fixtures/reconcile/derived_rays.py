@@ -1,7 +1,7 @@
 """Where pixels look, in a table that does not say so but whose simulation is seen to be the nominal bench.
 
 A table of pixels at stage angles need not carry their azimuth and elevation. Where light and range are those of the
-nominal bench (see `effects_render`), its camera's are known. Effects see them as columns; laws and reports do not,
+nominal bench (see `effects_bench`), its camera's are known. Effects see them as columns; laws and reports do not,
 for the table has none: there a pixel's own column stands for them.
 """
 
@@ -13,8 +13,8 @@ import numpy as np
 
 from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.effect import Variant
-from arl_fixtures.reconcile.effects_camera import camera_of
-from arl_fixtures.reconcile.effects_render import bench_of
+from arl_fixtures.reconcile.effects_bench import bench_of
+from arl_fixtures.reconcile.effects_camera import cameras_of
 from arl_fixtures.reconcile.view import View
 
 _STANDS_FOR = {"azimuth_deg": "pixel_u", "elevation_deg": "pixel_v"}
@@ -31,12 +31,11 @@ def derive_rays(columns: Columns, *, known: bool = False) -> bool:
     if not lacking or any(pixel not in columns.numbers for pixel in _STANDS_FOR.values()):
         return False
     view = View(columns)
-    if not known and bench_of(view) is None:
+    bench = bench_of(view)
+    cameras = [bench.optics.camera] if bench is not None else [*cameras_of(view)] if known else []
+    if not cameras:
         return False
-    camera = camera_of(view)
-    if camera is None:
-        return False
-    angles = camera.angles_deg(columns.numbers["pixel_u"], columns.numbers["pixel_v"])
+    angles = cameras[0].angles_deg(columns.numbers["pixel_u"], columns.numbers["pixel_v"])
     columns.derived = {
         name: np.asarray(values) for name, values in zip(_STANDS_FOR, angles, strict=True) if name in lacking
     }

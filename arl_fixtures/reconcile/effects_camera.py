@@ -1,4 +1,4 @@
-"""The camera of a table: the nominal one, or K and one distortion coefficient fitted to its rays."""
+"""The camera of a table: the nominal one (or its binned image), or K and one distortion coefficient from its rays."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ _BEAM_DEG = (75.0, 18.0)
 _SAME_RAY_DEG = 0.02
 _SAME_PIXEL = 0.03
 _MOST_DISTORTION = 0.6
+_BINS = (1, 2, 4)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,30 +53,47 @@ class Camera:
 
     def log_beam(self, u: FloatArray, v: FloatArray) -> FloatArray:
         """Logarithm of the nominal illumination of pixels."""
-        azimuth, elevation = self.angles_deg(u, v)
-        return -((azimuth / _BEAM_DEG[0]) ** 4) - (elevation / _BEAM_DEG[1]) ** 4
+        return self.log_beam_at(*self.angles_deg(u, v))
+
+    @staticmethod
+    def log_beam_at(azimuth_deg: FloatArray, elevation_deg: FloatArray) -> FloatArray:
+        """Logarithm of the nominal illumination in directions."""
+        return np.asarray(-((azimuth_deg / _BEAM_DEG[0]) ** 4) - (elevation_deg / _BEAM_DEG[1]) ** 4)
 
 
-def camera_of(view: View) -> Camera | None:
-    """The camera whose rays the table's azimuths and elevations are; the nominal one where it has none."""
-    return per_table(view, "camera", lambda: _find(view))
+def cameras_of(view: View) -> tuple[Camera, ...]:
+    """Cameras that a table may have been simulated with, the likeliest first.
+
+    The one whose rays the table's azimuths and elevations are; where it has none the nominal one, and that one with
+    its pixels binned by two and by four.
+    """
+    return per_table(view, "cameras", lambda: _find(view))
 
 
-def _find(view: View) -> Camera | None:
-    nominal = Intrinsics()
-    camera = Camera(fx=nominal.fx, fy=nominal.fy, cx=nominal.cx, cy=nominal.cy, k4=nominal.k4)
+def _find(view: View) -> tuple[Camera, ...]:
     numbers = view.columns.numbers
     rows = np.unique(view.columns.group("pixel_u", "pixel_v"), return_index=True)[1]
     u, v = (numbers[name][rows] for name in ("pixel_u", "pixel_v"))
     given = [numbers[name][rows] if name in numbers else None for name in ("azimuth_deg", "elevation_deg")]
-    if all(
-        angle is None or np.nanmax(np.abs(angle - mine), initial=0.0) < _SAME_RAY_DEG
-        for angle, mine in zip(given, camera.angles_deg(u, v), strict=True)
-    ):
-        return camera
-    if given[0] is None or given[1] is None:
-        return None
-    return _fitted(u, v, given[0], given[1])
+    found = tuple(
+        camera
+        for camera in (_nominal(bins) for bins in _BINS)
+        if all(
+            angle is None or np.nanmax(np.abs(angle - mine), initial=0.0) < _SAME_RAY_DEG
+            for angle, mine in zip(given, camera.angles_deg(u, v), strict=True)
+        )
+    )
+    if found or given[0] is None or given[1] is None:
+        return found
+    fitted = _fitted(u, v, given[0], given[1])
+    return () if fitted is None else (fitted,)
+
+
+def _nominal(bins: int) -> Camera:
+    """The nominal camera with squares of pixels read as one."""
+    nominal = Intrinsics()
+    cx, cy = ((c - 0.5 * (bins - 1)) / bins for c in (nominal.cx, nominal.cy))
+    return Camera(fx=nominal.fx / bins, fy=nominal.fy / bins, cx=cx, cy=cy, k4=nominal.k4)
 
 
 def _fitted(u: FloatArray, v: FloatArray, azimuth_deg: FloatArray, elevation_deg: FloatArray) -> Camera | None:

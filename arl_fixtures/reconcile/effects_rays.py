@@ -101,12 +101,14 @@ class Optics:
         rays: per side of a pixel.
         soft_rad: width of the beamlet that a ray stands for; zero for sharp rays.
         scene: surfaces.
+        filled: width over which the rays are spread, in pixels.
     """
 
     camera: Camera
     rays: int
     soft_rad: float
     scene: SceneSettings
+    filled: float = 1.0
 
 
 def _offsets(rays: int) -> tuple[FloatArray, FloatArray]:
@@ -125,7 +127,7 @@ Rays = tuple[FloatArray, FloatArray, FloatArray]
 
 def rays_of(optics: Optics, spots: Spots, focal: Number = 1.0) -> Rays:
     """The rays that sample each spot."""
-    du, dv = _offsets(optics.rays)
+    du, dv = (optics.filled * offset for offset in _offsets(optics.rays))
     return optics.camera.rays(spots.u[:, None] + du, spots.v[:, None] + dv, _column(focal))
 
 

@@ -210,7 +210,7 @@ def hold_back_edges(problem: Problem, found: Fit) -> None:
     of a rough term would change, or that it changes much, and that still lie off are its own error: they must not
     call for another effect.
     """
-    rough = [index for index, term in enumerate(found.terms) if term.effect.displaces]
+    rough = [k for k, term in enumerate(found.terms) if term.effect.displaces or term.variant.rough]
     if not rough:
         return
     states = [forward([t for k, t in enumerate(found.terms) if k not in rough], problem.view)]

@@ -30,7 +30,7 @@ class Level:
     """One grouping of a channel's rows.
 
     Attributes:
-        name: `pixel`, `angle`, `frame` or `step`.
+        name: `pixel`, `angle`, `frame`, `step`, or `unit` for the zeros of calibrated signals.
         code: group of each row, 0…count−1.
         count: number of groups.
         scale: shape of the shared error on each row: τ·scale is its standard deviation.

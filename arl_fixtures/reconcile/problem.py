@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln
 
 from arl_fixtures.reconcile.columns import Channel, Columns, FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
@@ -15,11 +14,14 @@ from arl_fixtures.reconcile.grouping import Groups, find_groups
 from arl_fixtures.reconcile.mixed_model import UnitConstants
 from arl_fixtures.reconcile.noise import Level, Whitener, fit_tau, surprise
 from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.stated import shortfall, stated_error
 from arl_fixtures.reconcile.view import View
 
 FOLDS = 5
 FEWEST_STEPS = 6
 """Steps from which an undeclared scatter between steps can be estimated."""
+ZERO_SHARE = 0.02
+"""Standard deviation of a calibrated signal's zero beside an effect, as a share of the median signal."""
 CALIBRATED = (Role.INTENSITY, Role.DISTANCE)
 """Roles whose gain or offset a user calibrates per unit: a constant of theirs carries no finding."""
 
@@ -153,7 +155,26 @@ class ChannelData:
     def relate_to(self, scale: FloatArray) -> None:
         """Let gains and what groups share be parts of other values: of two kinds, they would differ by any curve."""
         self.scale = scale
-        self.levels = tuple(level if level.declared else replace(level, scale=scale) for level in self.levels)
+        self.levels = tuple(
+            level if level.declared or level.name == "unit" else replace(level, scale=scale) for level in self.levels
+        )
+
+    def free_zero(self) -> None:
+        """Let each unit's signal have a zero of its own, beside an effect that the user's calibration did not know.
+
+        A line of gain and zero that was fitted to a recording with the effect in it is off in both once the effect is
+        taken away. The zero carries no evidence then; it is no larger than a few percent of the signal.
+        """
+        if self.channel.role is not Role.INTENSITY or not self.calibrated or self._has_zero:
+            return
+        size = ZERO_SHARE * float(np.median(self.scale))
+        ones = np.ones(len(self.use))
+        zero = Level(name="unit", code=self.unit, count=self.units, scale=ones, floor=size)
+        self.levels = (zero, *self.levels)
+
+    @property
+    def _has_zero(self) -> bool:
+        return any(level.name == "unit" for level in self.levels)
 
     def part(self, rows: IntArray) -> ChannelData:
         """The channel on some of its rows, with the same noise."""
@@ -347,36 +368,6 @@ def carry_gains(problem: Problem, state: State) -> None:
         slope = float(np.cov(signal[good], scatter[good])[0, 1]) / spread if spread > 1e-6 else 0.0
         frames = np.maximum(np.nan_to_num(problem.view.frames()[d.use], nan=1.0), 1.0)
         d.expect = d.tails * shortfall(frames) * np.maximum(1.0 + by_row[d.use], 0.1) ** slope
-
-
-def stated_error(view: View, channel: Channel) -> tuple[FloatArray, bool]:
-    """Standard error of each row's mean by the simulation's own noise model, and whether it states one.
-
-    A standard deviation of n frames scatters by sim_X_std · sqrt(1 − c4(n)²), the share p of n frames that return by
-    sqrt(p (1 − p) / n), with p drawn to a half by one frame of each kind (Laplace's rule): none is ever certain.
-    """
-    frames = np.maximum(np.nan_to_num(view.frames(), nan=1.0), 1.0)
-    if channel.role is Role.SCATTER:
-        error = np.abs(view.sim[channel.name]) * np.sqrt(1.0 - shortfall(frames) ** 2)
-        known = True
-    elif channel.role is Role.FRACTION and view.has("n_frames") and not view.has(f"sim_{channel.name}_std"):
-        share = (frames * np.clip(view.sim[channel.name], 0.0, 1.0) + 1.0) / (frames + 2.0)
-        error, known = np.sqrt(share * (1.0 - share) / frames), True
-    else:
-        name = f"sim_{channel.name}_std"
-        known = name in view.columns.numbers and bool(np.any(view.columns.numbers[name] > 0))
-        error = view.number(name) / np.sqrt(frames) if known else np.ones(view.n)
-    positive = error[np.isfinite(error) & (error > 0)]
-    if len(positive) == 0:
-        return np.ones(view.n), False
-    low = 1e-3 * float(np.median(positive))
-    return np.where(np.isfinite(error) & (error > low), error, np.median(positive)), known
-
-
-def shortfall(frames: FloatArray) -> FloatArray:
-    """Mean standard deviation of n Gaussian frames over the true one: c4 = √(2/(n−1)) Γ(n/2) / Γ((n−1)/2)."""
-    n = np.maximum(frames, 2.0)
-    return np.asarray(np.sqrt(2.0 / (n - 1.0)) * np.exp(gammaln(n / 2.0) - gammaln((n - 1.0) / 2.0)))
 
 
 def _level(

@@ -157,6 +157,9 @@ class Search:
         untouched = self.full.view.sim
         for d in self.full.data:
             if best.state[d.channel.name] is not untouched[d.channel.name]:
+                moved = (best.state[d.channel.name] - untouched[d.channel.name])[d.use]
+                if np.std(moved) > np.abs(np.mean(moved)):  # else what was named is a zero itself
+                    d.free_zero()
                 d.follow(best.state)
                 self.looker.calibrate(d, best.state)
         hold_back_edges(self.full, best)
@@ -166,6 +169,8 @@ class Search:
                 whole = next(d for d in self.full.data if d.channel.name == part.channel.name)
                 place = np.searchsorted(self.full.view.rows[whole.use], self.small.view.rows[part.use])
                 part.trust, part.spread = whole.trust[place], whole.spread
+                if any(level.name == "unit" for level in whole.levels):
+                    part.free_zero()
                 part.relate_to(whole.scale[place])
                 part.rebuild(whole.tau)
             carry_gains(self.small, forward(best.terms, self.small.view))
@@ -308,13 +313,7 @@ class Search:
             return stage
         chosen = max(sure, key=lambda r: r.gain)
         p_value = chance.p_value(evidence(chosen, self.surcharge))
-        return Stage(
-            base=bare,
-            threshold=stage.threshold,
-            p_value=p_value,
-            ranked=other.ranked,
-            chosen=chosen,
-        )
+        return Stage(base=bare, threshold=stage.threshold, p_value=p_value, ranked=other.ranked, chosen=chosen)
 
     def _free_constants(self, channels: Sequence[str], *, free: bool) -> None:
         for problem in (self.full, self.small):

@@ -2,27 +2,18 @@
 
 import numpy as np
 import pytest
-from traced_bench import LIGHT, RANGE, table
+from traced_bench import seen_as_measured, table
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.direct import loss, refine
-from arl_fixtures.reconcile.effects_camera import camera_of
+from arl_fixtures.reconcile.effects_bench import bench_of, is_sharp
+from arl_fixtures.reconcile.effects_camera import cameras_of
 from arl_fixtures.reconcile.effects_rays import Pose
-from arl_fixtures.reconcile.effects_render import bench_of, is_sharp, rendered
 from arl_fixtures.reconcile.fit import fit, hold_back_edges, steady_jacobian
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.screen import screen
 from arl_fixtures.reconcile.terms import Term
 from arl_fixtures.reconcile.view import View
-
-
-def seen_as_measured(columns, pose):
-    """Share of the rows whose light, rendered in a pose, is the measured one within a permille."""
-    view = View(columns)
-    there, here = rendered(view, pose), rendered(view)
-    light = view.sim[LIGHT] * there[LIGHT] / here[LIGHT]
-    far = view.sim[RANGE] + there[RANGE] - here[RANGE]
-    return np.mean((np.abs(light / view.number(LIGHT) - 1.0) < 1e-3) & (np.abs(far - view.number(RANGE)) < 1e-4))
 
 
 @pytest.mark.parametrize(
@@ -49,7 +40,7 @@ def test_the_height_of_a_dut_is_read_from_its_simulation(height_m):
 
 def test_another_lens_is_read_from_the_rays():
     view = View(table(fx=63.0))
-    assert camera_of(view).fx == pytest.approx(63.0, rel=1e-4)
+    assert cameras_of(view)[0].fx == pytest.approx(63.0, rel=1e-4)
     assert is_sharp(view)
 
 

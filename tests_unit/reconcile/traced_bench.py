@@ -3,6 +3,8 @@
 import numpy as np
 
 from arl_fixtures.reconcile.columns import Columns, find_channels
+from arl_fixtures.reconcile.effects_render import rendered
+from arl_fixtures.reconcile.view import View
 
 LIGHT, RANGE = "intensity_counts", "distance_m"
 STRIPES = ((7.5, 0.18), (0.0, 0.50), (-7.5, 0.80))
@@ -87,3 +89,12 @@ def table(*, seed=3, height_m=0.10, turn_deg=0.0, noise=True, angles=41, pixels=
         n=u.size, numbers=numbers, categories={"dut": (np.zeros(u.size, dtype=np.int64), ("a",))},
         channels=find_channels(set(numbers)),
     )  # fmt: skip
+
+
+def seen_as_measured(columns, pose):
+    """Share of the rows whose light, rendered in a pose, is the measured one within a permille."""
+    view = View(columns)
+    there, here = rendered(view, pose), rendered(view)
+    light = view.sim[LIGHT] * there[LIGHT] / here[LIGHT]
+    far = view.sim[RANGE] + there[RANGE] - here[RANGE]
+    return np.mean((np.abs(light / view.number(LIGHT) - 1.0) < 1e-3) & (np.abs(far - view.number(RANGE)) < 1e-4))

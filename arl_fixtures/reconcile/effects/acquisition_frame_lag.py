@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Option, Parameter, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_bench import is_sharp
 from arl_fixtures.reconcile.effects_common import (
     GROUPS,
     FloatArray,
@@ -21,7 +22,6 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
 )
 from arl_fixtures.reconcile.effects_pointing import scanned_channels, turn_stage
-from arl_fixtures.reconcile.effects_render import is_sharp
 from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.view import IntArray, View
 

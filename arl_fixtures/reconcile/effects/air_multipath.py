@@ -6,13 +6,15 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effect import Effect, Option, Parameter, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_bounce import bounced
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     amplitude,
     distances,
     light_channels,
     per_table,
+    rounded,
     set_light,
     shape,
 )
@@ -23,6 +25,7 @@ from arl_fixtures.reconcile.view import View
 
 _REACH_PX = (2, 5, 9)
 _PATCH_DEG = 1.0
+_AXES = ("pixel_u", "pixel_v")
 
 
 class Multipath(Effect):
@@ -35,6 +38,8 @@ class Multipath(Effect):
       I += share·S, D += detour·share·S / (I + share·S): weak pixels beside bright ones lengthen most.
     * side: a surface beside the beam (floor, housing), at `height`: detour (sqrt(R² + 4·height²) − R) / 2 with a
       share k that falls off along the longer way. Needs no image. A signal that gathers all light (`lit`) grows by k.
+      Of an image k is larger towards the surface: k·(1 + across·x + along·y + sides·x²), x and y from −1 to 1 over
+      columns and rows (`sides`: one surface on the left and one on the right).
     """
 
     id = "air.multipath"
@@ -69,6 +74,19 @@ class Multipath(Effect):
             yield self._variant("side", (share, height), far, (driver,))
             if channel:
                 yield self._variant("side", (share, height), everything, (driver,), lit=True)
+                if has_frames(view) and all(map(view.varies, _AXES)):
+                    leans = (
+                        shape("across", "1", -1.0, 1.0, 0.0, 0.8, -0.8),
+                        shape("along", "1", -1.0, 1.0, 0.0),
+                        shape("sides", "1", -0.9, 5.0, 0.0, 2.0),
+                    )
+                    spans = {
+                        f"{part}_{axis}": rounded(value) for axis in _AXES
+                        for part, value in zip(("first", "last"), view.span(axis), strict=True)
+                    }  # fmt: skip
+                    yield self._variant(
+                        "side", (share, height, *leans), everything, (driver, *_AXES), lit=True, **spans
+                    )
 
     def _variant(
         self,
@@ -76,7 +94,7 @@ class Multipath(Effect):
         parameters: tuple[Parameter, ...],
         channels: tuple[str, ...],
         drivers: tuple[str, ...],
-        **further: bool,
+        **further: Option,
     ) -> Variant:
         return Variant(
             effect=self.id,
@@ -92,11 +110,13 @@ class Multipath(Effect):
         source = variant.options["source"]
         if source == "side":
             near = distances(view)[0]
+            lean = _lean(variant, values, view)
             if variant.options.get("lit"):
-                part = _beside_the_beam(share, state[near], values)[0]
+                part = lean * _beside_the_beam(share, state[near], values)[0]
                 set_light(view, state, channel, state[channel] * (1.0 + np.nan_to_num(part)))
             for name in distances(view):
                 part, longer = _beside_the_beam(share, state[name], values)
+                part = part * lean
                 moved = 0.5 * part / (1.0 + part) * (longer - state[name])
                 state[name] = state[name] + np.where(np.isfinite(moved), moved, 0.0)
             return
@@ -124,7 +144,11 @@ class Multipath(Effect):
         source = variant.options["source"]
         if source == "side":
             law = "distance += k / (1 + k) * (L - distance) / 2, L = sqrt(distance^2 + 4 height^2), k = share * "
-            return f"{law}(distance / L)^2" + ("; signal *= 1 + k" if variant.options.get("lit") else "")
+            lean = ""
+            if "first_pixel_u" in variant.options:
+                x, y = (_relative_text(variant, axis) for axis in _AXES)
+                lean = f" * max(1 + across * x + along * y + sides * x^2, 0), x = {x}, y = {y}"
+            return f"{law}(distance / L)^2{lean}" + ("; signal *= 1 + k" if variant.options.get("lit") else "")
         if source == "room":
             return (
                 "signal *= 1 + k; distance += k / (1 + k) * detour; k = share * (light from the other surfaces), "
@@ -155,6 +179,26 @@ class Multipath(Effect):
         return "Cover the bright panel beside the dark one with black cloth: multipath goes, range walk stays."
 
 
+def _lean(variant: Variant, values: Values, view: View) -> FloatArray | float:
+    """Where in the image a surface beside it shines brightest; 1 everywhere where the variant knows no image."""
+    if "first_pixel_u" not in variant.options:
+        return 1.0
+    x, y = (_relative(variant, axis, view) for axis in _AXES)
+    law = 1.0 + float(values["across"]) * x + float(values["along"]) * y + float(values["sides"]) * x**2
+    return np.maximum(law, 0.0)
+
+
+def _relative(variant: Variant, axis: str, view: View) -> FloatArray:
+    """Column or row from −1 to 1 over the image."""
+    first, last = (float(variant.options[f"{part}_{axis}"]) for part in ("first", "last"))
+    return np.nan_to_num((view.number(axis) - 0.5 * (first + last)) / (0.5 * (last - first)))
+
+
+def _relative_text(variant: Variant, axis: str) -> str:
+    first, last = (float(variant.options[f"{part}_{axis}"]) for part in ("first", "last"))
+    return f"({axis} - {0.5 * (first + last):g}) / {0.5 * (last - first):g}"
+
+
 def _beside_the_beam(share: float, away: FloatArray, values: Values) -> tuple[FloatArray, FloatArray]:
     """Share of the light that comes over a surface beside the beam, and the way that it takes there and back once."""
     longer = np.sqrt(away**2 + 4.0 * float(values["height"]) ** 2)
@@ -176,9 +220,11 @@ def _beside(view: View, state: State, channel: str) -> FloatArray:
 def room(view: View) -> tuple[FloatArray, FloatArray] | None:
     """Light that each row's target gets from all others, over its mean, and that light's extra one-way path.
 
-    Of every row of the whole table; None where the scene is not scanned over the bearing.
+    Of every row of the whole table: of the rendered bench where that is known, else of what the sweep shows; None
+    where the scene is not scanned over the bearing.
     """
-    return per_table(view, "room", lambda: _room(view))
+    rendered = bounced(view)
+    return per_table(view, "room", lambda: _room(view)) if rendered is None else rendered
 
 
 def _room(view: View) -> tuple[FloatArray, FloatArray] | None:

@@ -7,11 +7,11 @@ from collections.abc import Iterable
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_bench import bench_of, is_sharp
 from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, per_view
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation
 from arl_fixtures.reconcile.effects_pointing import point_elsewhere, scanned_channels, take_pose
 from arl_fixtures.reconcile.effects_rays import Pose
-from arl_fixtures.reconcile.effects_render import bench_of, is_sharp
 from arl_fixtures.reconcile.effects_room import room_of
 from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.view import View

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import ive
 
 from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_bench import bench_of, is_sharp
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     above,
@@ -24,7 +25,7 @@ from arl_fixtures.reconcile.effects_common import (
 from arl_fixtures.reconcile.effects_frame import has_frames, ranged_by
 from arl_fixtures.reconcile.effects_pointing import spread_rays
 from arl_fixtures.reconcile.effects_rays import Pose
-from arl_fixtures.reconcile.effects_render import bench_of, convolved, is_sharp, rendered
+from arl_fixtures.reconcile.effects_render import convolved, rendered
 from arl_fixtures.reconcile.effects_scene import pixel_width, scene
 from arl_fixtures.reconcile.view import View
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_bench import is_sharp
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     amplitude,
@@ -19,7 +20,6 @@ from arl_fixtures.reconcile.effects_common import (
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, ray_column
 from arl_fixtures.reconcile.effects_pointing import point_elsewhere, scanned_channels, take_pose
 from arl_fixtures.reconcile.effects_rays import Pose
-from arl_fixtures.reconcile.effects_render import is_sharp
 from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.view import View
 

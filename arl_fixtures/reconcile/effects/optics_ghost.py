@@ -9,6 +9,7 @@ import numpy as np
 from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import amplitude, light_channels, per_table, shape, signals
 from arl_fixtures.reconcile.effects_frame import add_stray_light, has_frames, ranged_by
+from arl_fixtures.reconcile.effects_image import mirrored_image
 from arl_fixtures.reconcile.view import View
 
 _BESIDE = {"u": (0.0, -1.5, 1.5, -3.0, 3.0), "v": (0.0, -1.5, 1.5)}  # whole pixels of shift: one look-up each
@@ -61,11 +62,16 @@ class Ghost(Effect):
         channel, share = str(variant.options["channel"]), float(values["share"])
         across, along = _FLIPS[str(variant.options["flip"])]
         centre = {"u0": float(values.get("centre_u", 0.0)), "v0": float(values.get("centre_v", 0.0))}
-        mirrored = view.mirrored(state, channel, flip_u=across, flip_v=along, **centre)
+        rendered = mirrored_image(view, flip_u=across, flip_v=along, **centre)
         far = {}
-        if float(values.get("pull", 0.0)) > 0.0:
-            for distance in ranged_by(view, channel):
-                far[distance] = view.mirrored(state, distance, flip_u=across, flip_v=along, **centre)
+        if rendered is not None:
+            mirrored = rendered[0] * state[channel]
+            far = {distance: rendered[1][distance] for distance in ranged_by(view, channel)}
+        else:
+            mirrored = view.mirrored(state, channel, flip_u=across, flip_v=along, **centre)
+            if float(values.get("pull", 0.0)) > 0.0:
+                for distance in ranged_by(view, channel):
+                    far[distance] = view.mirrored(state, distance, flip_u=across, flip_v=along, **centre)
         add_stray_light(
             view, state, channel, stray=share * mirrored, far=far, pull=float(values.get("pull", 0.0)), kept=1.0
         )

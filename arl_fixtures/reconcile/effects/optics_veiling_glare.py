@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import amplitude, light_channels, shape, signals
 from arl_fixtures.reconcile.effects_frame import add_stray_light, frame_range, has_frames, ranged_by
-from arl_fixtures.reconcile.effects_render import whole_image
+from arl_fixtures.reconcile.effects_image import whole_image
 from arl_fixtures.reconcile.view import View
 
 
@@ -40,12 +40,17 @@ class VeilingGlare(Effect):
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Adds the mean light of the whole image (as far as it is known) with the image's mean range."""
         channel, share = str(variant.options["channel"]), float(values["share"])
+        mean = view.frame_mean(state, channel)
+        whole = whole_image(view)
         add_stray_light(
             view,
             state,
             channel,
-            stray=share * view.frame_mean(state, channel) * whole_image(view),
-            far={distance: frame_range(view, distance, channel) for distance in ranged_by(view, channel)},
+            stray=share * (mean if whole is None else mean * whole[0]),
+            far={
+                distance: frame_range(view, distance, channel) if whole is None else whole[1][distance]
+                for distance in ranged_by(view, channel)
+            },
             pull=float(values.get("pull", 0.0)),
             kept=1.0 - share,
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 
 import numpy as np
@@ -12,6 +13,7 @@ from arl_fixtures.reconcile.effects_common import (
     amplitude,
     distances,
     excess,
+    per_table,
     per_view,
     period_starts,
     reference,
@@ -30,6 +32,8 @@ from arl_fixtures.reconcile.view import View
 class ColumnPattern(Effect):
     """X += offset·w and, for signals, X *= 1 + gain·w; w a wave over columns or rows, with a cosine and a sine part.
 
+    A wave is taken less its mean over the columns that the table holds: on a few columns strewn over the image a wave
+    may be (nearly) the same on all of them, and that is no pattern but the level.
     Period 2 is odd against even (one part only). Of four or eight interleaved converters each has an offset (or gain)
     of its own against the first: X += tap_k, or X *= 1 + tap_k, at pixels k modulo their number; their mean is nil.
     """
@@ -85,6 +89,7 @@ class ColumnPattern(Effect):
                 "kind": kind,
                 "temperature": column,
                 "reference": reference(view, column) if column else 0.0,
+                "over": _columns_held(view, axis),
             },
             parameters=parameters,
             channels=with_scatter(view, channel) if channel in signals(view) else (channel,),
@@ -127,11 +132,13 @@ class ColumnPattern(Effect):
                 factor = np.maximum(1.0 + own, 0.02)
                 set_response(state, channel, state[channel] * factor, factor)
             return
-        if variant.options["kind"] == "parity":
-            waves = {"cosine": np.where(np.rint(place) % 2.0 == 0.0, 1.0, -1.0)}
-        else:
-            phase = 2.0 * np.pi / float(values["period"]) * place
-            waves = {"cosine": np.cos(phase), "sine": np.sin(phase)}
+        held = np.array(json.loads(str(variant.options["over"])))
+        waves = {
+            part: wave - float(np.mean(level))
+            for (part, wave), level in zip(
+                _waves(variant, values, place).items(), _waves(variant, values, held).values(), strict=True
+            )
+        }
         grown = excess(view, variant, column) if column else 1.0
         added = np.asarray(sum(float(values[part]) * wave for part, wave in waves.items()))[at] * grown
         if "gain_cosine" in values:
@@ -188,6 +195,29 @@ class ColumnPattern(Effect):
 
 
 _SHORTEST, _MOST_STARTS = 2.1, 80
+_MOST_HELD = 256
+
+
+def _waves(variant: Variant, values: Values, place: FloatArray) -> dict[str, FloatArray]:
+    """A pattern's waves at columns (or rows)."""
+    if variant.options["kind"] == "parity":
+        return {"cosine": np.where(np.rint(place) % 2.0 == 0.0, 1.0, -1.0)}
+    phase = 2.0 * np.pi / float(values["period"]) * place
+    return {"cosine": np.cos(phase), "sine": np.sin(phase)}
+
+
+def _columns_held(view: View, axis: str) -> str:
+    """Columns (or rows) of which the whole table holds pixels, as JSON; of very many an even choice."""
+
+    def make() -> str:
+        place = view.columns.numbers[axis]
+        found = np.unique(place[np.isfinite(place)])
+        some = found[np.unique(np.linspace(0, found.size - 1, min(found.size, _MOST_HELD)).astype(np.int64))]
+        return json.dumps([round(float(x), 3) for x in some])
+
+    return per_table(view, ("columns held", axis), make)
+
+
 _CONVERTERS = (4, 8)
 
 

@@ -7,9 +7,9 @@ from collections.abc import Iterable
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_bench import is_sharp
 from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, per_table
 from arl_fixtures.reconcile.effects_pointing import scanned_channels, turn_stage
-from arl_fixtures.reconcile.effects_render import is_sharp
 from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.view import View
 

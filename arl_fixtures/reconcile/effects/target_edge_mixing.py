@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_bench import is_sharp
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     amplitude,
@@ -16,6 +17,7 @@ from arl_fixtures.reconcile.effects_common import (
     set_light,
     shape,
 )
+from arl_fixtures.reconcile.effects_render import footprint, rendered
 from arl_fixtures.reconcile.effects_surface import at_centre, beyond_border, borders, light_share
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
@@ -33,6 +35,8 @@ class EdgeMixing(Effect):
       or that of the pixel's centre; closer together they merge.
     * range: D takes a share of the other side's range, in proportion to its light (negative: gives some back).
     * both: the other side's light too: more of it is in the pixel than the simulation says.
+    * footprint: where the simulation looks through a few sharp rays, the mean of light and range (by light) over what
+      the pixel sees, `filled` pixels wide.
     """
 
     id = "target.edge_mixing"
@@ -43,6 +47,17 @@ class EdgeMixing(Effect):
 
     def variants(self, view: View) -> Iterable[Variant]:
         """Which surface wins, and how much of the other is in it."""
+        if is_sharp(view) and view.channel(Role.INTENSITY):
+            yield Variant(
+                effect=self.id,
+                options={"kind": "footprint"},
+                parameters=(amplitude("share", "1", -0.5, 1.5, 0.5), shape("filled", "px", 0.3, 1.5, 1.0, 0.7)),
+                channels=tuple(
+                    dict.fromkeys((*distances(view), *(light_channels(view, view.channel(Role.INTENSITY)))))
+                ),
+                drivers=tuple(name for name in ("mixed", "surface", "pixel_u") if view.has(name)),
+                rough=True,
+            )
         if not view.labels("surface") or not borders(view).any():
             return
         channel = view.channel(Role.INTENSITY)
@@ -67,6 +82,9 @@ class EdgeMixing(Effect):
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Mixes the other side in at borders."""
         share = float(values["share"])
+        if variant.options["kind"] == "footprint":
+            _spread(view, state, share, float(values["filled"]))
+            return
         if variant.options["kind"] in ("dominant", "nearest", *_PEAKS):
             for name in distances(view):
                 kind = str(variant.options["kind"])
@@ -94,6 +112,8 @@ class EdgeMixing(Effect):
     def expression(self, variant: Variant) -> str:
         """The law."""
         kind = variant.options["kind"]
+        if kind == "footprint":
+            return "signal, distance = share * (mean by light over `filled` pixels) + (1 - share) * simulated"
         if kind in _PEAKS:
             return "at borders: distance += share * (peak of both surfaces' echoes of length pulse - distance)"
         if kind in ("dominant", "nearest"):
@@ -104,6 +124,11 @@ class EdgeMixing(Effect):
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """The share."""
         kind = variant.options["kind"]
+        if kind == "footprint":
+            return (
+                f"A pixel mixes what lies in {values['filled']:.2f} pixels' width, by {values['share'] * 100:.0f} %; "
+                "the simulation looks through a few rays."
+            )
         if kind in _PEAKS:
             return (
                 f"Where a pixel sees two surfaces, it reports {values['share'] * 100:.0f} % of the way to the peak "
@@ -125,6 +150,19 @@ class EdgeMixing(Effect):
             "appears "
             "only in the second, blur in both."
         )
+
+
+def _spread(view: View, state: State, share: float, filled: float) -> None:
+    """Replace a share of what the simulation's rays see by the mean over the pixel."""
+    mean, rays = footprint(view, filled), rendered(view)
+    channel = view.channel(Role.INTENSITY)
+    if mean is None or rays is None:
+        return
+    ratio = np.maximum(1.0 + share * (mean[channel] / rays[channel] - 1.0), 0.01)
+    for name in distances(view):
+        part = np.clip(share * mean[channel] / rays[channel] / ratio, -2.0, 2.0)
+        state[name] = state[name] + part * (mean[name] - rays[name])
+    set_light(view, state, channel, state[channel] * ratio)
 
 
 def _winner(view: View, name: str, kind: str) -> FloatArray:

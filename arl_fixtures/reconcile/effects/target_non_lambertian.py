@@ -8,6 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Option, Stage, Values, Variant
+from arl_fixtures.reconcile.effects_bounce import incidence_deg
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     LightFactor,
@@ -40,8 +41,11 @@ class NonLambertian(LightFactor):
 
     def variants(self, view: View) -> Iterable[Variant]:
         """All surfaces, and each of the four most seen."""
-        if not view.varies("incidence_deg"):
+        if incidence_deg(view) is None:
             return
+        drivers = tuple(
+            name for name in ("incidence_deg", "azimuth_deg", "pixel_u", "stage_angle_deg") if view.varies(name)
+        )
         for channel in signals(view):
             fitted = calibrated_by_surface(view.columns, channel)
             over: dict[str, Option] = {"fitted_over": _incidences(view)} if fitted else {}
@@ -55,7 +59,7 @@ class NonLambertian(LightFactor):
                         shape("sharpness", "1", 1.0, 200.0, 12.0),
                     ),
                     channels=light_channels(view, channel),
-                    drivers=("incidence_deg",),
+                    drivers=drivers[:1] if view.varies("incidence_deg") else drivers,
                     where={"surface": [surface]} if surface else {},
                 )
 
@@ -106,7 +110,8 @@ class NonLambertian(LightFactor):
 
 def _terms(view: View) -> tuple[FloatArray, FloatArray]:
     """sin² of the incidence and ln of the cosine of twice it; zero and very small where it is unknown."""
-    return _terms_of(view.number("incidence_deg"))
+    angle = incidence_deg(view)
+    return _terms_of(np.full(view.n, np.nan) if angle is None else angle[view.rows])
 
 
 def _terms_of(incidence_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -128,8 +133,10 @@ _QUANTILES = (np.arange(9) + 0.5) / 9
 def _incidences(view: View) -> str:
     """Nine quantiles of each surface's incidence in the whole table, degrees, as JSON."""
     codes, labels = view.columns.categories["surface"]
-    angle = view.columns.numbers["incidence_deg"]
-    found = {}
+    angle = incidence_deg(view)
+    found: dict[str, list[float]] = {}
+    if angle is None:
+        return json.dumps(found)
     for k, label in enumerate(labels):
         seen = angle[np.isfinite(angle) & (codes == k)]
         if seen.size:

@@ -1,0 +1,40 @@
+"""What a simulation states of its own noise: the standard error of each row's mean, and of scatters of few frames."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import gammaln
+
+from arl_fixtures.reconcile.columns import Channel, FloatArray
+from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.view import View
+
+
+def stated_error(view: View, channel: Channel) -> tuple[FloatArray, bool]:
+    """Standard error of each row's mean by the simulation's own noise model, and whether it states one.
+
+    A standard deviation of n frames scatters by sim_X_std · sqrt(1 − c4(n)²), the share p of n frames that return by
+    sqrt(p (1 − p) / n), with p drawn to a half by one frame of each kind (Laplace's rule): none is ever certain.
+    """
+    frames = np.maximum(np.nan_to_num(view.frames(), nan=1.0), 1.0)
+    if channel.role is Role.SCATTER:
+        error = np.abs(view.sim[channel.name]) * np.sqrt(1.0 - shortfall(frames) ** 2)
+        known = True
+    elif channel.role is Role.FRACTION and view.has("n_frames") and not view.has(f"sim_{channel.name}_std"):
+        share = (frames * np.clip(view.sim[channel.name], 0.0, 1.0) + 1.0) / (frames + 2.0)
+        error, known = np.sqrt(share * (1.0 - share) / frames), True
+    else:
+        name = f"sim_{channel.name}_std"
+        known = name in view.columns.numbers and bool(np.any(view.columns.numbers[name] > 0))
+        error = view.number(name) / np.sqrt(frames) if known else np.ones(view.n)
+    positive = error[np.isfinite(error) & (error > 0)]
+    if len(positive) == 0:
+        return np.ones(view.n), False
+    low = 1e-3 * float(np.median(positive))
+    return np.where(np.isfinite(error) & (error > low), error, np.median(positive)), known
+
+
+def shortfall(frames: FloatArray) -> FloatArray:
+    """Mean standard deviation of n Gaussian frames over the true one: c4 = √(2/(n−1)) Γ(n/2) / Γ((n−1)/2)."""
+    n = np.maximum(frames, 2.0)
+    return np.asarray(np.sqrt(2.0 / (n - 1.0)) * np.exp(gammaln(n / 2.0) - gammaln((n - 1.0) / 2.0)))

@@ -1,0 +1,67 @@
+"""A simulation that a user has calibrated is still the nominal bench, also without its rays' directions."""
+
+import numpy as np
+import pytest
+from traced_bench import LIGHT, RANGE, table
+
+from arl_fixtures.reconcile.catalogue import library
+from arl_fixtures.reconcile.columns import find_channels
+from arl_fixtures.reconcile.derived_rays import as_the_table_says, derive_rays
+from arl_fixtures.reconcile.effects_bench import bench_of, is_sharp
+from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.view import View
+
+
+def calibrated(columns, *, gain=1.03, pedestal=4.0, offset_m=0.0066, scale=1.0):
+    """As after a user's fit: simulation and recording share a gain, a pedestal, an offset."""
+    for name in (f"sim_{LIGHT}", LIGHT):
+        columns.numbers[name] = gain * columns.numbers[name] + pedestal
+    for name in (f"sim_{RANGE}", RANGE):
+        columns.numbers[name] = scale * columns.numbers[name] + offset_m
+    return columns
+
+
+def without_rays(columns):
+    for name in ("azimuth_deg", "elevation_deg"):
+        del columns.numbers[name]
+    columns.channels = find_channels(set(columns.numbers))
+    return columns
+
+
+@pytest.mark.parametrize(
+    "fitted", [{}, {"pedestal": -3.0, "offset_m": -0.02}, {"gain": 0.5, "pedestal": 0.0}, {"scale": 1.004}]
+)
+def test_a_calibrated_bench_is_seen_as_the_bench(fitted):
+    assert is_sharp(View(calibrated(table(), **fitted)))
+
+
+def test_another_scene_is_not_calibrated_into_the_bench():
+    assert bench_of(View(calibrated(table(panels=False)))) is None
+
+
+def test_rays_that_a_table_lacks_are_those_of_its_bench():
+    given_rays, bare = table(), without_rays(calibrated(table()))
+    assert derive_rays(bare)
+    for name, values in bare.derived.items():
+        np.testing.assert_allclose(values, given_rays.numbers[name], atol=1e-6)
+    assert not derive_rays(given_rays)
+    assert not derive_rays(without_rays(table(panels=False)))
+
+
+def test_drivers_are_columns_of_the_table():
+    bare = without_rays(table())
+    derive_rays(bare)
+    view = View(bare)
+    variants = [as_the_table_says(v, view) for v in library()["mount.tilt"].variants(view)]
+    assert variants
+    assert all(set(v.drivers) <= {"pixel_u", "pixel_v"} for v in variants)
+
+
+def test_a_tilt_is_found_in_a_calibrated_table_without_rays():
+    columns = without_rays(calibrated(table(tilt_deg=(0.0, -0.4, 0.8))))
+    found, model, _ = diagnose(columns, effects=[library()[n] for n in ("mount.tilt", "stage.zero_offset")])
+    assert [f.effect for f in found.findings] == ["mount.tilt"]
+    assert set(found.findings[0].drivers) <= {"pixel_u", "pixel_v"}
+    assert model.rays_derived
+    values = found.findings[0].term.values
+    assert values["roll"] == pytest.approx(0.8, abs=0.15)
