@@ -83,7 +83,7 @@ def evidence(ranked: Ranked, surcharge: float) -> float:
 def is_as_good(ranked: Ranked, best: Ranked) -> bool:
     """Whether a candidate explains as much as the best one: of two that move edges, to what edges can tell.
 
-    The light of a pixel at an edge is in error by the same in all steps, so that a test which allows for shared errors
+    The light of a pixel at an edge is in error by the same in all steps: a test which allows for shared errors then
     counts much less than the likelihood says.
     """
     share = 1.0
@@ -149,9 +149,9 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
         alike = bool(_columns(term) & _columns(new)) and not _has_own_driver(problem, ranked, term)
         least = (MISFIT_SHARE if alike else HIDDEN_SHARE) * gains.get(index, 0.0)
         another = new.effect.several and new.effect.id == term.effect.id
-        apart = (not alike or another) and (
-            acts_alone(problem, (base.terms[index], new))
-            or (ranked.gain > 0.1 * least and _stands_apart(problem, base, ranked, index))
+        apart = (not alike or another) and ranked.gain > 0.1 * least
+        apart = apart and (
+            acts_alone(problem, (base.terms[index], new)) or _stands_apart(problem, base, ranked, index)
         )
         if ranked.gain < least and not apart:
             return True

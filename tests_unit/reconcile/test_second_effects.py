@@ -3,11 +3,12 @@
 import numpy as np
 import pyarrow as pa
 
+from arl_fixtures.reconcile.acceptance import TWIN_GAIN
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.fit import finish, fit
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.screen import screen
-from arl_fixtures.reconcile.search import POLISHED, TWIN_GAIN, Search
+from arl_fixtures.reconcile.search import POLISHED, Search
 from arl_fixtures.reconcile.table import columns_of
 
 

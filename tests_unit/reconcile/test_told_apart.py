@@ -46,9 +46,11 @@ def test_the_more_alike_two_effects_are_the_more_it_takes_to_choose():
     assert _undecided(zero, late, sampled=False) == alike
 
 
-def test_only_what_mixes_neighbours_may_leave_a_rest_at_edges():
+def test_only_what_mixes_or_moves_neighbours_may_leave_a_rest_at_edges():
     mixing, moving = acting("target.edge_mixing", "mixed"), acting("stage.zero_offset", "stage_angle_deg")
+    warming = acting("detector.gain_temperature", "housing_temperature_c")
     at_edges, elsewhere = ["~edge(intensity_counts)", "mixed", "step"], ["housing_temperature_c", "mixed"]
     assert mends_the_same([mixing], at_edges)
     assert not mends_the_same([mixing], elsewhere)
-    assert not mends_the_same([mixing, moving], at_edges)
+    assert mends_the_same([mixing, moving], at_edges)
+    assert not mends_the_same([mixing, warming], at_edges)
