@@ -41,8 +41,10 @@ from arl_fixtures.reconcile.pilot import Structure
 from arl_fixtures.reconcile.problem import ChannelData, Problem
 from arl_fixtures.reconcile.rivals import (
     LEAST_Z,
+    STRUCTURE_GAIN,
     has_other_place,
     is_outdone,
+    is_structure,
     lies_where_names_act,
     mends_the_same,
     needed_by_law,
@@ -57,8 +59,6 @@ from arl_fixtures.reconcile.steadiness import is_unsteady
 from arl_fixtures.reconcile.step_means import acts_within_steps, leaves_other_rows, left_in_steps
 from arl_fixtures.reconcile.terms import Term, forward
 
-STRUCTURE_Z, STRUCTURE_GAIN = 3.7, 12.0
-"""A physics-free model must gain this much on unseen blocks before there is said to be a mismatch at all."""
 TREES_ALONE = 1.5
 """How much more it must gain where neither a place nor a law is found in what it predicts."""
 LEAST_ENERGY = 1.0
@@ -72,14 +72,6 @@ SCATTER_SHARE = 0.4
 """Share of what names do to the groups of a channel below which what is left between these is their own error."""
 CONSTANT_Z = 8.0
 """A unit's constant gain or offset this many standard errors from none is a mismatch if nothing else explains it."""
-
-
-def is_structure(seen: Structure) -> bool:
-    """Whether a channel's residual holds something that unseen blocks confirm.
-
-    What sits in few blocks only has a low z for its gain: it must gain more. Below `LEAST_Z` it is a single block's.
-    """
-    return seen.z > LEAST_Z and seen.gain > STRUCTURE_GAIN * max(1.0, (STRUCTURE_Z / seen.z) ** 2)
 
 
 class Decision:
@@ -181,11 +173,15 @@ class Decision:
         acting = [t for t in self.best.terms if d.channel.name in self.energy(t)]
         same = mends_the_same(acting, self.after[d.channel.name].leading())
         same = same or lies_where_names_act(self.problem, d, acting, self.terms)
-        left = self.found.looker.rows_of(d), self.after[d.channel.name].ceiling.prediction
         small = self.left_share(d.channel.name) <= (LEFT_AT_EDGES if same else LEFT_SHARE)
-        if small or leaves_other_rows(self.problem, d, acting, *left):
+        if small or self._leaves_others(d, acting):
             return False
         return is_structure(self.after[d.channel.name]) or not acts_within_steps(self.problem, d, self.terms)
+
+    def _leaves_others(self, d: ChannelData, acting: Sequence[Term]) -> bool:
+        """Whether what names leave of a channel has another cause for sure."""
+        rows, left = self.found.looker.rows_of(d), self.after[d.channel.name].ceiling.prediction
+        return leaves_other_rows(self.problem, d, acting, rows, left)
 
     def _gain_of_terms(self, name: str) -> float:
         """Drop of half the sum of squares of a channel that the accepted effects bring."""
@@ -231,7 +227,7 @@ class Decision:
         if d.channel.role is Role.SCATTER:
             return False
         acting = [t for t in self.best.terms if d.channel.name in self.energy(t)]
-        if not acting:
+        if not acting or self._leaves_others(d, acting):
             return False
         # without the patterns: their pixels' values are read off the residual, where a law leaves them to chance
         own = forward(self.best.terms, self.problem.view)

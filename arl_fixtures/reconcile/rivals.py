@@ -10,7 +10,7 @@ from arl_fixtures.reconcile.acceptance import MISFIT_SHARE
 from arl_fixtures.reconcile.law_search import search_law
 from arl_fixtures.reconcile.locate import locate
 from arl_fixtures.reconcile.patterns import Pattern
-from arl_fixtures.reconcile.pilot import Looker
+from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import ChannelData, Problem
 from arl_fixtures.reconcile.roles import FIELD_COLUMNS, PIXEL_COLUMNS, Role
 from arl_fixtures.reconcile.terms import Term, forward
@@ -34,8 +34,18 @@ ACTS_ON, ACTS_AT_MOST, LEFT_THERE = 0.99, 0.3, 0.9
 what is left in excess of noise that must lie in them."""
 LEAST_Z = 2.0
 """Significance over blocks below which what is gained on unseen ones is a single block's."""
+STRUCTURE_Z, STRUCTURE_GAIN = 3.7, 12.0
+"""A physics-free model must gain this much on unseen blocks before there is said to be a mismatch at all."""
 PICTURE_SHARE = 0.3
 """Share of what an effect over the image explains that a free pattern of pixels must gain beside it."""
+
+
+def is_structure(seen: Structure) -> bool:
+    """Whether a channel's residual holds something that unseen blocks confirm.
+
+    What sits in few blocks only has a low z for its gain: it must gain more. Below `LEAST_Z` it is a single block's.
+    """
+    return seen.z > LEAST_Z and seen.gain > STRUCTURE_GAIN * max(1.0, (STRUCTURE_Z / seen.z) ** 2)
 
 
 def says_the_same(acting: Sequence[Term], columns: Sequence[str]) -> bool:
