@@ -240,7 +240,8 @@ class Decision:
         named = d.fit_scatter(d.residual(own))[0] - base - price
         # free scatters of pixels or steps hide most of a gain
         plain = sum(plain_gain(self.problem, self.best.terms, t) for t in acting)
-        needed = needed_by_law(named, plain, acting, law.drivers)
+        edges = lies_where_names_act(self.problem, d, acting, self.terms)
+        needed = needed_by_law(named, plain, acting, law.drivers, at_edges=edges)
         return chosen.z > LEAST_Z and chosen.likelier > needed
 
     def _mostly_in(self, term: Term, names: set[str]) -> bool:
@@ -268,6 +269,8 @@ class Decision:
             acted = bool(acting)
             if acted and d.channel.role is Role.SCATTER and not is_structure(self.found.before[name]):
                 continue  # what is left came with a name's side effect on the scatter
+            if lies_where_names_act(self.problem, d, acting, self.terms):
+                continue  # and this is what a name cannot know of the edges that it moves
             if not acted or self.left_share(name) > UNKNOWN_SHARE:
                 try:
                     law = self._law_of(d, state, self.after[name])

@@ -88,14 +88,17 @@ def lies_where_names_act(problem: Problem, d: ChannelData, acting: Sequence[Term
     return few and float(excess[acted].sum()) > LEFT_THERE * max(float(excess.sum()), 0.0)
 
 
-def needed_by_law(named: float, plain: float, acting: Sequence[Term], columns: Sequence[str]) -> float:
+def needed_by_law(
+    named: float, plain: float, acting: Sequence[Term], columns: Sequence[str], *, at_edges: bool = False
+) -> float:
     """Likelihood that a law must reach for names to be refused.
 
     Args:
         named: what the names gain, less their price; plain: the same if rows shared no errors.
         acting: the names; columns: of the law.
+        at_edges: whether what the names leave lies in the rows of edges on which they act (`lies_where_names_act`).
     """
-    share = MIXED_SHARE if says_the_same(acting, columns) else BEATEN_SHARE
+    share = MIXED_SHARE if at_edges or says_the_same(acting, columns) else BEATEN_SHARE
     known = {_kind_of(c) for term in acting for c in term.variant.drivers}
     # a law of the names' own columns has the freer shape only, where one of others tells of another cause
     own = {_kind_of(c) for c in columns if c not in FIELD_COLUMNS} <= known
