@@ -120,8 +120,11 @@ def _alternatives(
         effect = r.fit.terms[-1].effect.id
         if effect == term.effect.id or any(a.effect == effect for a in alternatives):
             continue
+        other = r.fit.terms[-1]
         deficit = own - r.gain
-        twin = deficit < max(TWIN_GAIN, _undecided(term.effect, r.fit.terms[-1].effect, sampled=sampled) * own)
+        # that a law is the simpler one does not rule out another that is alike: then only how well they fit counts
+        extra = PRICE * max(len(other.free()) - len(term.free()), 0) if _alike(term.effect, other.effect) else 0.0
+        twin = deficit - extra < max(TWIN_GAIN, _undecided(term.effect, other.effect, sampled=sampled) * own)
         twin = twin or (effect in term.effect.says_as_well(term.variant) and r.gain > 0)
         reason = f"loses {deficit:.1f} of {own:.1f} in log-likelihood" if r.gain > 0 else "gains nothing in its place"
         alternatives.append(
@@ -133,7 +136,7 @@ def _alternatives(
             )
         )
         if twin:
-            twins[effect] = r.fit.terms[-1].effect.next_experiment(r.fit.terms[-1].variant)
+            twins[effect] = other.effect.next_experiment(other.variant)
     return alternatives[:6], twins
 
 
@@ -144,8 +147,12 @@ def _undecided(named: Effect, other: Effect, *, sampled: bool) -> float:
     """
     if sampled and all(e.displaces or e.mixes for e in (named, other)):
         return EDGE_SHARE
-    alike = other.id in named.confusable or named.id in other.confusable
-    return LIKE_SHARE if alike else TWIN_SHARE
+    return LIKE_SHARE if _alike(named, other) else TWIN_SHARE
+
+
+def _alike(named: Effect, other: Effect) -> bool:
+    """Whether one of two effects says that it is like the other."""
+    return other.id in named.confusable or named.id in other.confusable
 
 
 def _held_out(decision: Decision, index: int, channels: Sequence[str], gain: float) -> HeldOut:
