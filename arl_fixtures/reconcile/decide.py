@@ -281,14 +281,15 @@ class Decision:
                 # trees beside a name only mend its shape, and so does what says the same in other words
                 if law is None or (acted and (not law.terms or says_the_same(acting, law.drivers))):
                     continue
-                if not (acted and d.channel.role is Role.SCATTER and self._is_side_effect(law, state)):
+                if not (d.channel.role is Role.SCATTER and self._is_within_noise_law(law, state, acted=acted)):
                     self.laws.append(law)
 
-    def _is_side_effect(self, law: Law, state: State) -> bool:
-        """Whether a law on a scatter that names move is within what a noise law read off a table is worth."""
+    def _is_within_noise_law(self, law: Law, state: State, *, acted: bool) -> bool:
+        """Whether a law on a scatter is within what a noise law is worth: one read off a table where names act."""
         values = state[law.channel]
         add = law.correction(self.found.looker.features, values)
-        return float(np.nanquantile(np.abs(add) / np.maximum(np.abs(values), 1e-300), 0.95)) < 2.0 * LEAST_SCATTER
+        least = (2.0 if acted else 1.0) * LEAST_SCATTER
+        return float(np.nanquantile(np.abs(add) / np.maximum(np.abs(values), 1e-300), 0.95)) < least
 
     def _find_scatters(self) -> None:
         """What groups share beyond what is declared: a finding, or an unknown where it follows a condition."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import gammaln
 
 from arl_fixtures.errors import DataError
 from arl_fixtures.metrics.geometry import Geometry, GeometryCache
@@ -83,11 +84,22 @@ def from_sweep(simulated: SweepSummary, recorded: SweepSummary, cache: GeometryC
         simulated.stage_angle_deg, recorded.stage_angle_deg, atol=0.02
     ):
         raise DataError(f"{recorded.dut}: simulated and recorded stage angles differ")
+    light = share_of_scatter(simulated.intensity_returns).astype(np.float32)
+    far = share_of_scatter(simulated.distance_returns).astype(np.float32)
     return Simulation(
         intensity_counts=simulated.intensity_counts,
-        intensity_std_counts=np.sqrt(simulated.intensity_variance),
+        intensity_std_counts=(np.sqrt(simulated.intensity_variance) / light).astype(np.float32),
         distance_m=simulated.distance_m,
-        distance_std_m=np.sqrt(simulated.distance_variance),
+        distance_std_m=(np.sqrt(simulated.distance_variance) / far).astype(np.float32),
         valid_fraction=(simulated.distance_returns / np.maximum(simulated.arrived, 1)).astype(np.float32),
         geometry=cache.at(recorded.stage_angle_deg),
     )
+
+
+def share_of_scatter(frames: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64]:
+    """Mean of the standard deviation of few Gaussian frames (ddof 1) over the true one; 1 below two frames.
+
+    Source: c4 of control charts, √(2/(n − 1))·Γ(n/2)/Γ((n − 1)/2) (Montgomery, Statistical Quality Control).
+    """
+    n = np.maximum(frames, 2).astype(np.float64)
+    return np.asarray(np.sqrt(2.0 / (n - 1.0)) * np.exp(gammaln(n / 2.0) - gammaln((n - 1.0) / 2.0)))

@@ -36,3 +36,16 @@ def test_more_scatter_than_declared_is_found_in_spite_of_tails(make_table):
     assert findings
     assert all(channel.endswith("_std") for f in findings for channel in f.channels)
     assert all(f.effect in {"readout.noise_excess", "unknown"} for f in findings)
+
+
+def test_a_table_is_consistent_with_itself():
+    """Also where its scatters are those of ten frames, which on average are 2.8 % smaller than the noise."""
+    rng = np.random.default_rng(4)
+    step, v, u = (a.ravel().astype(float) for a in np.meshgrid(*(np.arange(n) for n in (6, 5, 16)), indexing="ij"))
+    light = rng.uniform(200.0, 900.0, step.size)
+    made = {
+        "step": step, "pixel_u": 8.0 * u, "pixel_v": 6.0 * v, "housing_temperature_c": 10.0 * step,
+        "n_frames": np.full(step.size, 10.0), "intensity_counts": light, "sim_intensity_counts": light,
+        "intensity_counts_std": np.sqrt(light), "sim_intensity_counts_std": np.sqrt(light),
+    }  # fmt: skip
+    assert diagnose(columns_of(pa.table(made)))[0].verdict == "consistent"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from arl_fixtures.reconcile.law import Axis, Law
+from arl_fixtures.reconcile.law import Axis, Law, axes_of
 from arl_fixtures.reconcile.law_search import is_law, search_law
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.problem import Problem
@@ -89,3 +89,9 @@ def test_a_band_says_its_edges():
     axis = Axis(column="pixel_u", kind="band", edges=(18.5, 28.5))
     assert axis({"pixel_u": np.array([18.0, 19.0, 28.0, 29.0, np.nan])}).tolist() == [0.0, 1.0, 1.0, 0.0, 0.0]
     assert axis.text == "[18.5 < pixel_u < 28.5]"
+
+
+def test_every_sixth_row_has_no_parity():
+    rows = np.arange(0.0, 32.0, 6.0)
+    assert "parity" not in {axis.kind for axis in axes_of("pixel_v", rows, ())}
+    assert "parity" in {axis.kind for axis in axes_of("pixel_v", rows / 2.0, ())}
