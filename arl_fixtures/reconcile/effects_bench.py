@@ -80,6 +80,12 @@ def is_sharp(view: View) -> bool:
     return found is not None and found.sharp
 
 
+def is_zero_fitted(view: View) -> bool:
+    """Whether the simulation shows that its user has fitted a zero to the signal, beside the gain."""
+    found = bench_of(view)
+    return found is not None and bool(np.any(found.pedestal != 0.0))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Sample:
     """Spots of one DUT with their simulated signal and range, and what a calibration is taken to have put into them.

@@ -26,6 +26,8 @@ TAIL_SPREAD = 1.1
 TAIL_DEFICIT = 3.0
 """Deficit of the mean of standard deviations, in their excess variance, that tails like Student's with 4 degrees of
 freedom make where the farthest rows are held back (a median of 10 frames' deviations is 10 % low, its mean 5 %)."""
+SAME_FRAMES = 0.2
+"""Relative error within which scatters are higher than those of few frames by just what these lack."""
 TAIL_SHARE = 0.004
 """More than this share of rows beyond 4 standard errors means heavy tails (a Gaussian has 0.00006)."""
 
@@ -149,15 +151,22 @@ def _allow_for_tails(data: ChannelData, residual: FloatArray) -> None:
     """Let frames with heavy tails scatter less on average than the root of their variance, as few of them do.
 
     A standard deviation of n frames has the mean σ(1 − Var(s²)/8σ⁴), and scatters by √(Var(s²)/4σ⁴): what exceeds the
-    Gaussian's scatter, `spread`, tells how much of a deficit may be the tails'.
+    Gaussian's scatter, `spread`, tells how much of a deficit may be the tails'. Where all scatters together are just
+    what the simulation says, both are of as many frames, or were made so: that is no larger noise.
     """
-    if data.channel.role is not Role.SCATTER or data.spread <= TAIL_SPREAD:
+    if data.channel.role is not Role.SCATTER:
         return
     weight = data.trust * (data.scale / data.stated) ** 2
-    off = float(np.sum(weight * residual / data.scale) / max(float(np.sum(weight)), 1e-300))
-    relative = float(np.median(data.stated / data.scale))
-    most = TAIL_DEFICIT * (data.spread**2 - 1.0) * relative**2
-    change = 1.0 + float(np.clip(off, -most, 0.0))
+    rest = float(np.sum(weight * residual / data.scale) / max(float(np.sum(weight)), 1e-300))
+    off = data.tails * (1.0 + rest) - 1.0  # of what Gaussian frames would show
+    change = 1.0
+    if data.spread > TAIL_SPREAD:
+        relative = float(np.median(data.stated / data.scale))
+        most = TAIL_DEFICIT * (data.spread**2 - 1.0) * relative**2
+        change += float(np.clip(off, -most, 0.0))
+    short = 1.0 / float(np.median(data.expect / data.tails)) - 1.0
+    if abs(off - short) < SAME_FRAMES * short:
+        change += off
     data.expect, data.tails = data.expect * change / data.tails, change
 
 

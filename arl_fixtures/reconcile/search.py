@@ -28,6 +28,7 @@ from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.dead import leave_out_dead
 from arl_fixtures.reconcile.derived_rays import derive_rays
 from arl_fixtures.reconcile.effect import Effect, State
+from arl_fixtures.reconcile.effects_bench import is_zero_fitted
 from arl_fixtures.reconcile.fit import Fit, finish, fit, hold_back_edges
 from arl_fixtures.reconcile.grouping import find_groups, typical_gaps
 from arl_fixtures.reconcile.pilot import Looker, Structure
@@ -158,8 +159,8 @@ class Search:
         for d in self.full.data:
             if best.state[d.channel.name] is not untouched[d.channel.name]:
                 moved = (best.state[d.channel.name] - untouched[d.channel.name])[d.use]
-                if np.std(moved) > np.abs(np.mean(moved)):  # else what was named is a zero itself
-                    d.free_zero()
+                if is_zero_fitted(self.full.view) and np.std(moved) > np.abs(np.mean(moved)):
+                    d.free_zero()  # unless what was named is a zero itself
                 d.follow(best.state)
                 self.looker.calibrate(d, best.state)
         hold_back_edges(self.full, best)

@@ -41,10 +41,10 @@ def test_more_scatter_than_declared_is_found_in_spite_of_tails(make_table):
 def test_a_table_is_consistent_with_itself():
     """Also where its scatters are those of ten frames, which on average are 2.8 % smaller than the noise."""
     rng = np.random.default_rng(4)
-    step, v, u = (a.ravel().astype(float) for a in np.meshgrid(*(np.arange(n) for n in (6, 5, 16)), indexing="ij"))
+    step, v, u = (a.ravel().astype(float) for a in np.meshgrid(*(np.arange(n) for n in (6, 20, 64)), indexing="ij"))
     light = rng.uniform(200.0, 900.0, step.size)
     made = {
-        "step": step, "pixel_u": 8.0 * u, "pixel_v": 6.0 * v, "housing_temperature_c": 10.0 * step,
+        "step": step, "pixel_u": 2.0 * u, "pixel_v": 6.0 * v, "housing_temperature_c": 10.0 * step,
         "n_frames": np.full(step.size, 10.0), "intensity_counts": light, "sim_intensity_counts": light,
         "intensity_counts_std": np.sqrt(light), "sim_intensity_counts_std": np.sqrt(light),
     }  # fmt: skip
