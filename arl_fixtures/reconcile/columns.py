@@ -96,6 +96,19 @@ class Columns:
         found: tuple[str, ...] = self.memo["image columns"]
         return found
 
+    @property
+    def sweep_columns(self) -> tuple[str, ...]:
+        """Columns that tell sweeps of the stage apart: not `step` where each numbers a single stop of one sweep."""
+        if "sweep columns" not in self.memo:
+            one = (
+                "step" in self.numbers
+                and "stage_angle_deg" in self.numbers
+                and (int(self.group("dut", "cycle", "step").max()) == int(self.group(*IMAGE_COLUMNS).max()) > 0)
+            )
+            self.memo["sweep columns"] = ("dut", "cycle") if one else ("dut", "cycle", "step")
+        found: tuple[str, ...] = self.memo["sweep columns"]
+        return found
+
     def _find_image_columns(self) -> tuple[str, ...]:
         if not {"pixel_u", "pixel_v"} & set(self.numbers) or not self._repeat_pixels(IMAGE_COLUMNS):
             return IMAGE_COLUMNS

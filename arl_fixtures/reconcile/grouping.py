@@ -57,6 +57,10 @@ class Groups:
         return self.frame if self.frame is not None and self.block_name in WITHIN_IMAGES else self.step
 
 
+GAP_SHARE = 1.7
+"""Of the usual distance of neighbours, beyond which one between them is missing."""
+
+
 def find_groups(table: Columns) -> Groups:
     """Groups of a table, see `Groups`."""
     unit_columns = unit_columns_of(table)
@@ -191,15 +195,15 @@ def _last_resort(table: Columns, unit: IntArray) -> tuple[IntArray, str]:
 
 
 def typical_gaps(table: Columns) -> tuple[float, float]:
-    """Largest distance of neighbours in the sweep (degrees) and in time (seconds): 1.7 of the usual."""
+    """Largest distance of neighbours in the sweep (degrees) and in time (seconds): `GAP_SHARE` of the usual."""
     gaps = []
     for name in ("stage_angle_deg", "time_s"):
         gap = np.inf
         if name in table.numbers:
-            cell = table.group("dut", "cycle", "step")
+            cell = table.group(*table.sweep_columns)
             order = np.lexsort((table.numbers[name], cell))
             steps = np.diff(table.numbers[name][order])[np.diff(cell[order]) == 0]
             steps = steps[np.isfinite(steps) & (steps > 1e-9)]
-            gap = 1.7 * float(np.median(steps)) if len(steps) else np.inf
+            gap = GAP_SHARE * float(np.median(steps)) if len(steps) else np.inf
         gaps.append(gap)
     return gaps[0], gaps[1]

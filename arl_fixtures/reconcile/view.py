@@ -212,9 +212,14 @@ class View:
         """Value of the same pixel `steps` stage angles further (by angle, not by time); NaN beyond the sweep."""
         return self.take(state, channel, self.sweep_place(steps))
 
+    def _sweep(self) -> tuple[str, ...]:
+        """Columns that tell apart what the stage swept under one condition."""
+        own = self.columns.sweep_columns
+        return (*own, "set_temperature_c", "ramp") if "step" in own else own
+
     def sweep_place(self, steps: int) -> IntArray:
         """Whole-table row of the same pixel `steps` stage angles further, −1 where there is none."""
-        cell = self.columns.group(*_STEP, *_PIXEL, "set_temperature_c", "ramp")
+        cell = self.columns.group(*self._sweep(), *_PIXEL)
         order = self.columns.numbers["stage_angle_deg"]
         place = self.columns.following(("sweep", steps), cell, order, steps)[self.rows]
         return self._near(place, order, self.columns.sweep_gap_deg * abs(steps))
@@ -225,7 +230,7 @@ class View:
 
     def acquired_place(self, frames: int = 1) -> IntArray:
         """Whole-table row of the same pixel `frames` stage positions earlier in time, −1 where there is none."""
-        cell = self.columns.group(*_STEP, *_PIXEL)
+        cell = self.columns.group(*self.columns.sweep_columns, *_PIXEL)
         name = "time_s" if self.varies("time_s") else "stage_angle_deg"
         place = self.columns.following(("acquired", frames), cell, self.columns.numbers[name], -frames)[self.rows]
         gap = self.columns.frame_gap_s if name == "time_s" else self.columns.sweep_gap_deg

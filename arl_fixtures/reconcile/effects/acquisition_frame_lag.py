@@ -23,6 +23,7 @@ from arl_fixtures.reconcile.effects_common import (
 )
 from arl_fixtures.reconcile.effects_pointing import scanned_channels, turn_stage
 from arl_fixtures.reconcile.effects_scene import scene
+from arl_fixtures.reconcile.grouping import GAP_SHARE
 from arl_fixtures.reconcile.view import IntArray, View
 
 _PLACES = np.linspace(0.0, 1.0, 6)
@@ -31,6 +32,8 @@ _SAME_DEG = 1e-3
 """Readings of one stage position agree this closely."""
 _SINGLE = 0.7
 """Share of a table's rows that places make of which several rows are frames."""
+_MOST_LACKING = 3.0
+"""Positions that a hole of a sweep may be back to the next one known."""
 _UNEVEN = 0.25
 """Relative scatter of a sweep's steps from which a lag is told from a constant angle."""
 
@@ -112,10 +115,16 @@ class FrameLag(Effect):
         if "creep" in values:
             _settle(variant, values, state, view)
             return
-        share = float(values["share"])
+        share, frames = float(values["share"]), int(variant.options["frames"])
+        missing = _missing_before(view) if frames == 1 else np.zeros(0)
+        there = dict(state)
+        if missing.any():
+            turn_stage(view, there, missing)
         for name in (*signals(view), *distances(view)):
             own = state[name]
-            before = view.acquired_before(state, name, frames=int(variant.options["frames"]))
+            before = view.acquired_before(state, name, frames=frames)
+            if missing.any():
+                before = np.where(missing != 0.0, there[name], before)
             apart: FloatArray = np.where(np.isfinite(before), before - own, 0.0)
             state[name] = own + share * apart
             scatter = f"{name}_std"
@@ -185,7 +194,7 @@ def _repeats(view: View) -> bool:
 def _stays(view: View) -> tuple[IntArray, IntArray, IntArray]:
     """Rows of the whole table by time (by angle without times), their stay, and each stay's first row."""
     table = view.columns
-    angle, cell = table.numbers["stage_angle_deg"], table.group(*GROUPS["step"])
+    angle, cell = table.numbers["stage_angle_deg"], table.group(*table.sweep_columns)
     order = np.lexsort((angle, table.numbers["time_s"] if view.varies("time_s") else angle, cell))
     fresh = np.ones(table.n, dtype=bool)
     fresh[1:] = (np.abs(np.diff(angle[order])) > _SAME_DEG) | (np.diff(cell[order]) != 0)
@@ -196,7 +205,7 @@ def _between(view: View, first: IntArray) -> FloatArray:
     """From the stay before to each stay, in seconds, without times in degrees; infinite for the first of a step."""
     table = view.columns
     time = table.numbers["time_s" if view.varies("time_s") else "stage_angle_deg"][first]
-    same = np.diff(table.group(*GROUPS["step"])[first]) == 0
+    same = np.diff(table.group(*table.sweep_columns)[first]) == 0
     return np.concatenate([[np.inf], np.where(same, np.diff(time), np.inf)])
 
 
@@ -246,11 +255,31 @@ def _settle(variant: Variant, values: Values, state: State, view: View) -> None:
             state[scatter] = np.sqrt(state[scatter] ** 2 + np.maximum(np.nan_to_num(wide), 0.0))
 
 
+def _missing_before(view: View) -> FloatArray:
+    """Way back to the stage position before, degrees, where the table has others of the sweep but lacks this one.
+
+    It then lies a half or a third of the way to the one before it, by the time that passed. Zero elsewhere.
+    """
+
+    def make() -> FloatArray:
+        table, name = view.columns, "time_s" if view.varies("time_s") else "stage_angle_deg"
+        order, longest = table.numbers[name], table.frame_gap_s if name == "time_s" else table.sweep_gap_deg
+        cell = table.group(*table.sweep_columns, "pixel_u", "pixel_v")
+        place = table.following(("acquired", 1), cell, order, -1)[view.rows]
+        far = np.where(place >= 0, np.abs(order[place] - order[view.rows]) * GAP_SHARE / longest, 0.0)
+        steps = np.rint(far)  # of the usual size
+        lacking = (view.acquired_place(1) < 0) & (steps > 1.0) & (steps <= _MOST_LACKING)
+        back = view.take_number("stage_angle_deg", place) - view.number("stage_angle_deg")
+        return np.asarray(np.where(lacking, np.nan_to_num(back) / np.maximum(steps, 1.0), 0.0))
+
+    return per_view(view, "missing before", make)
+
+
 def _on_the_way(view: View) -> dict[str, list[FloatArray]]:
     """By channel, at each of `_PLACES`: ratio of a signal and difference of a distance to the row's own position."""
     place = view.acquired_place(1)
     before = view.take_number("stage_angle_deg", place)
-    back = np.nan_to_num(before - view.number("stage_angle_deg"))
+    back = np.nan_to_num(before - view.number("stage_angle_deg")) + _missing_before(view)
     names = (*signals(view), *distances(view))
     seen: dict[str, list[FloatArray]] = {name: [] for name in names}
     for share in _PLACES:
