@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import gammaln
 
 from arl_fixtures.errors import DataError
 from arl_fixtures.metrics.geometry import Geometry, GeometryCache
 from arl_fixtures.metrics.statistics import SweepSummary
+from arl_fixtures.reconcile.stated import shortfall
 from arl_fixtures.twin.conditions import Conditions, FrameModel, altered
 from arl_fixtures.twin.frame import Renderer
 from arl_fixtures.twin.noise import predicted, scatter
@@ -84,8 +84,8 @@ def from_sweep(simulated: SweepSummary, recorded: SweepSummary, cache: GeometryC
         simulated.stage_angle_deg, recorded.stage_angle_deg, atol=0.02
     ):
         raise DataError(f"{recorded.dut}: simulated and recorded stage angles differ")
-    light = share_of_scatter(simulated.intensity_returns).astype(np.float32)
-    far = share_of_scatter(simulated.distance_returns).astype(np.float32)
+    light = shortfall(simulated.intensity_returns.astype(np.float64))  # few frames tell too small a scatter
+    far = shortfall(simulated.distance_returns.astype(np.float64))
     return Simulation(
         intensity_counts=simulated.intensity_counts,
         intensity_std_counts=(np.sqrt(simulated.intensity_variance) / light).astype(np.float32),
@@ -94,12 +94,3 @@ def from_sweep(simulated: SweepSummary, recorded: SweepSummary, cache: GeometryC
         valid_fraction=(simulated.distance_returns / np.maximum(simulated.arrived, 1)).astype(np.float32),
         geometry=cache.at(recorded.stage_angle_deg),
     )
-
-
-def share_of_scatter(frames: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64]:
-    """Mean of the standard deviation of few Gaussian frames (ddof 1) over the true one; 1 below two frames.
-
-    Source: c4 of control charts, √(2/(n − 1))·Γ(n/2)/Γ((n − 1)/2) (Montgomery, Statistical Quality Control).
-    """
-    n = np.maximum(frames, 2).astype(np.float64)
-    return np.asarray(np.sqrt(2.0 / (n - 1.0)) * np.exp(gammaln(n / 2.0) - gammaln((n - 1.0) / 2.0)))
