@@ -217,6 +217,13 @@ def is_safe(state):
     return not any(power) and state["setpoint_c"] == 23.0 and not state["stage_moving"]
 
 
+def comes_to_rest(stand):
+    """Power is off at once; a stage that was stopped takes its way to rest."""
+    state = stand.inspect()["state"]
+    assert not any(state[f"{kind}_{n}"] for kind in ("dut", "laser") for n in (1, 2, 3)), state
+    until(lambda: is_safe(stand.inspect()["state"]), f"a bench at rest; it was left at {state}")
+
+
 def assert_safe_within(found, since_s, limit_s=2.0, *, not_before_s=None):
     """Everything that was energised at `since_s` was off `limit_s` later, in the right order.
 

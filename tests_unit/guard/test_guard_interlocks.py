@@ -5,7 +5,7 @@ import os
 import signal
 
 import pytest
-from real_processes import assert_safe_within, go_on, is_safe, reap, until
+from real_processes import assert_safe_within, comes_to_rest, go_on, reap, until
 
 from arl_fixtures.bench.build import open_bench
 from arl_fixtures.bench.sweep import sweep
@@ -71,7 +71,7 @@ def test_a_pause_is_asked_for_heeded_and_over(make_stand):
         guard.check()
         bench.soak(10.0)
         assert bench.close() == []
-    assert is_safe(stand.inspect()["state"])
+    comes_to_rest(stand)
 
 
 def test_a_chiller_that_does_not_answer_does_not_keep_the_power_on(make_stand, run_test):

@@ -1,7 +1,7 @@
 """A guard that died in the middle of making safe: the next one goes on, and asks for what was to be asked for."""
 
 import pytest
-from real_processes import is_safe, until
+from real_processes import comes_to_rest, until
 
 from arl_fixtures.errors import InterlockError
 from arl_fixtures.guard.acknowledge import acknowledge
@@ -35,7 +35,7 @@ def test_after_a_tripped_condition_it_is_made_safe_first_and_acknowledged_then(m
     interrupted(stand, "housings ceiling 95: T2 reads 99 °C", ack_if_verified=True)
     with pytest.raises(InterlockError, match=r"T2 reads 99 °C.*acknowledge with: arl ack"):
         stand.open_guard()
-    assert is_safe(stand.inspect()["state"])
+    comes_to_rest(stand)
     stop = read_stop(stand.places)
     assert stop.blocks
     assert stop.unverified == {}

@@ -4,7 +4,7 @@ import os
 import signal
 
 import pytest
-from real_processes import assert_safe_within, go_on, is_safe, reap, until
+from real_processes import assert_safe_within, comes_to_rest, go_on, is_safe, reap, until
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def test_a_test_that_is_stopped_is_as_good_as_dead_and_hears_of_it_when_it_wakes
     os.kill(pid, signal.SIGCONT)
     assert reap(pid) == 3
     assert "was stopped" in (stand.runtime / "heard").read_text()
-    assert is_safe(stand.inspect()["state"])
+    comes_to_rest(stand)
 
 
 def test_a_test_that_closes_its_connection(stand, run_test):
@@ -71,7 +71,7 @@ def test_a_test_that_talks_nonsense(stand, run_test):
 
     pid = run_test(stand, babble)
     stand.wait_for_state("idle")
-    assert is_safe(stand.inspect()["state"])
+    comes_to_rest(stand)
     os.kill(pid, signal.SIGKILL)
     reap(pid)
     # a request that makes no sense is answered, and costs a passer-by nothing
@@ -100,7 +100,7 @@ def test_a_test_that_fails_says_good_bye(stand, run_test):
     assert reap(pid) == 70
     # an orderly end: safe, nothing to report, and the guard has gone home
     until(lambda: not stand.guard_pid(), "the guard ends")
-    assert is_safe(stand.inspect()["state"])
+    comes_to_rest(stand)
     assert not stand.places.driven.exists()
 
 

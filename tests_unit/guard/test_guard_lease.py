@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from real_processes import LEASE_S, PATIENCE_S, assert_safe_within, go_on, is_safe, reap, until, zombie
+from real_processes import LEASE_S, PATIENCE_S, assert_safe_within, comes_to_rest, go_on, is_safe, reap, until, zombie
 
 from arl_fixtures.bench.build import open_bench
 from arl_fixtures.errors import DataError, InterlockError, StorageError
@@ -66,7 +66,7 @@ def test_a_guard_that_hangs_is_killed_for_its_lines(stand, run_test):
     guard = int((stand.runtime / "stopped").read_text())
     assert "no answer to" in (stand.runtime / "heard").read_text()
     until(lambda: not Path(f"/proc/{guard}").exists() or zombie(guard), "the guard dies of it")
-    assert is_safe(stand.inspect()["state"])
+    comes_to_rest(stand)
 
 
 def test_when_all_three_die_the_next_guard_finds_the_bench_and_makes_it_safe(stand, run_test):
@@ -80,13 +80,13 @@ def test_when_all_three_die_the_next_guard_finds_the_bench_and_makes_it_safe(sta
     assert not is_safe(stand.inspect()["state"])
     with stand.open_guard() as again:
         assert "the guard died while a test" in again.last_stop
-        assert is_safe(stand.inspect()["state"])
+        comes_to_rest(stand)
         assert again.pid != guard
         bench = open_bench(stand.config, lines=again.lines)
         again.attach(bench)
         bench.relays.set("dut_1", True)
         assert bench.close() == []
-    assert is_safe(stand.inspect()["state"])
+    comes_to_rest(stand)
 
 
 def test_another_version_of_the_bench_file_gets_another_guard(stand, run_test):
