@@ -15,12 +15,12 @@ from scipy.spatial import cKDTree
 
 from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, signals
 from arl_fixtures.reconcile.effects_illumination import ray_column
+from arl_fixtures.reconcile.roles import HALF_TURN_DEG
 from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-HALF_TURN_DEG = 180.0
 _NEIGHBOURS = 12
 _SAME_RAY = 1e-4
 """Radians within which rays are one: a hundredth of a degree is finer than scanners point."""

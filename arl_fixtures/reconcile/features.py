@@ -7,12 +7,10 @@ import zlib
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
-from arl_fixtures.reconcile.roles import FIELD_COLUMNS, Role
+from arl_fixtures.reconcile.roles import FIELD_COLUMNS, HALF_TURN_DEG, Role
 from arl_fixtures.reconcile.view import View
 
 NEIGHBOURS = ((1, 0), (-1, 0), (0, 1), (0, -1))
-HALF_TURN_DEG = 180.0
-"""Azimuth over which rays still have an axis that they lie about."""
 LEAST_OWN = 1e-3
 """Share of the median signal below which a row's own counts as that in a ratio: what sees nothing has no ratio."""
 

@@ -25,6 +25,8 @@ _VISIT_WORDS = (
     "session", "record", "measurement", "soak", "dwell", "burst", "batch", "interval", "sequence",
 )  # fmt: skip
 
+HALF_TURN_DEG = 180.0
+"""Span of azimuths beyond which rays look all around, a scanner's: no camera's, and with no axis to lie about."""
 PIXEL_COLUMNS = frozenset({"pixel_u", "pixel_v", "azimuth_deg", "elevation_deg"})
 """Where a pixel is in the image, or looks."""
 FIELD_COLUMNS = ("~radius(field)", "~twist(field)")

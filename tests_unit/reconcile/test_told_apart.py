@@ -4,11 +4,13 @@ from types import SimpleNamespace
 
 import pytest
 
+from arl_fixtures.reconcile import rivals
 from arl_fixtures.reconcile.acceptance import is_repeat
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.effect import Variant
 from arl_fixtures.reconcile.findings import _undecided
-from arl_fixtures.reconcile.rivals import mends_the_same
+from arl_fixtures.reconcile.rivals import has_other_place, mends_the_same
+from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.terms import Term
 
 
@@ -54,3 +56,21 @@ def test_only_what_mixes_or_moves_neighbours_may_leave_a_rest_at_edges():
     assert not mends_the_same([mixing], elsewhere)
     assert mends_the_same([mixing, moving], at_edges)
     assert not mends_the_same([mixing, warming], at_edges)
+
+
+@pytest.mark.parametrize(
+    ("effect", "columns", "other"),
+    [
+        ("detector.dead_pixels", ["~radius(field)"], False),  # a few pixels lie at some radius
+        ("detector.dead_pixels", ["housing_temperature_c"], True),
+        ("detector.pixel_response", ["~radius(field)"], True),
+        ("detector.pixel_response", ["pixel_u", "step"], False),
+    ],
+)
+def test_where_else_than_in_its_pixels_a_pattern_may_lie(monkeypatch, effect, columns, other):
+    monkeypatch.setattr(rivals, "locate", lambda *_: SimpleNamespace(columns=columns, gain=100.0))
+    channel = SimpleNamespace(name="intensity_counts", role=Role.INTENSITY)
+    view = SimpleNamespace(fresh_state=dict)
+    looker = SimpleNamespace(problem=SimpleNamespace(view=view, data=[SimpleNamespace(channel=channel)]))
+    pattern = SimpleNamespace(term=acting(effect, "pixel_u"), gain=50.0)
+    assert has_other_place(looker, (), pattern) == other
