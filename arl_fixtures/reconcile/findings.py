@@ -11,7 +11,7 @@ import numpy as np
 from arl_fixtures.reconcile.acceptance import PRICE
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.diagnosis import Alternative, Finding, HeldOut, ParameterValue
-from arl_fixtures.reconcile.effect import Effect, State
+from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.effects_render import rendered
 from arl_fixtures.reconcile.fit import Fit, finish, fit
 from arl_fixtures.reconcile.intervals import half_widths
@@ -23,17 +23,10 @@ from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.screen import screen
 from arl_fixtures.reconcile.settling import shortlist
 from arl_fixtures.reconcile.terms import Term, forward
+from arl_fixtures.reconcile.told_apart import is_undecided
 
 if TYPE_CHECKING:
     from arl_fixtures.reconcile.decide import Decision
-
-TWIN_GAIN, TWIN_SHARE = 3.0, 0.03
-"""An alternative that loses less than this (log-likelihood, or share of the finding's gain) cannot be told apart."""
-LIKE_SHARE = 0.12
-"""The share for effects that are known to be alike: a real one's shape differs from the library's by such a part."""
-EDGE_SHARE = 0.3
-"""The share for effects that show at edges, where these are known from the table's own samples only: what the
-operators themselves get wrong there is more than what tells them apart."""
 
 
 def named_finding(decision: Decision, index: int) -> Finding:
@@ -122,9 +115,7 @@ def _alternatives(
             continue
         other = r.fit.terms[-1]
         deficit = own - r.gain
-        # that a law is the simpler one does not rule out another that is alike: then only how well they fit counts
-        extra = PRICE * max(len(other.free()) - len(term.free()), 0) if _alike(term.effect, other.effect) else 0.0
-        twin = deficit - extra < max(TWIN_GAIN, _undecided(term.effect, other.effect, sampled=sampled) * own)
+        twin = is_undecided(term, other, deficit, own, sampled=sampled)
         twin = twin or (effect in term.effect.says_as_well(term.variant) and r.gain > 0)
         reason = f"loses {deficit:.1f} of {own:.1f} in log-likelihood" if r.gain > 0 else "gains nothing in its place"
         alternatives.append(
@@ -138,21 +129,6 @@ def _alternatives(
         if twin:
             twins[effect] = other.effect.next_experiment(other.variant)
     return alternatives[:6], twins
-
-
-def _undecided(named: Effect, other: Effect, *, sampled: bool) -> float:
-    """Share of a finding's gain that another effect may lose without being told apart.
-
-    `sampled`: whether the scene is known from the table's own samples only.
-    """
-    if sampled and all(e.displaces or e.mixes for e in (named, other)):
-        return EDGE_SHARE
-    return LIKE_SHARE if _alike(named, other) else TWIN_SHARE
-
-
-def _alike(named: Effect, other: Effect) -> bool:
-    """Whether one of two effects says that it is like the other."""
-    return other.id in named.confusable or named.id in other.confusable
 
 
 def _held_out(decision: Decision, index: int, channels: Sequence[str], gain: float) -> HeldOut:

@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 
 ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 LIMIT_S = 600
+CHECKOUT = Path(__file__).resolve().parents[2]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,10 +51,12 @@ class _Done:
 
 
 def _arl(log: Path, *words: str) -> _Done:
-    """Run the command; CPU time is the process's own, whatever else the machine does."""
+    """Run this checkout's command, wherever the caller stands; CPU time is the process's own."""
     command = [sys.executable, "-m", "arl_fixtures.cli", *words]
     with log.open("w+") as stderr:
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=stderr, env=os.environ | ENVIRONMENT)
+        process = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=stderr, env=os.environ | ENVIRONMENT, cwd=CHECKOUT
+        )
         killer = threading.Timer(LIMIT_S, process.kill)
         killer.start()
         _, status, usage = os.wait4(process.pid, 0)
@@ -68,6 +71,7 @@ def _arl(log: Path, *words: str) -> _Done:
 
 def ask(case: Path, out: Path) -> Answer:
     """Run the tool on a case's table and let it predict the held-out rows; what it said stays in `out`."""
+    case, out = case.resolve(), out.resolve()
     out.mkdir(parents=True, exist_ok=True)
     start = time.perf_counter()
     done = _arl(out / "reconcile.txt", "reconcile", str(case / "table.parquet"), "--out", str(out / "diagnosis"))

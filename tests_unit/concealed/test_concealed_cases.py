@@ -1,6 +1,9 @@
 import json
+from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from benchmarks.concealed.assemble import build
@@ -10,7 +13,7 @@ from benchmarks.concealed.generate import write_batch
 from benchmarks.concealed.likelihood import mean_information, mean_information_unknown_repeat, whiten
 from benchmarks.concealed.lookalikes import lookalikes
 from benchmarks.concealed.plan import BANDS, LIBRARY, SENSORS, UNKNOWN, Order, make, stated
-from benchmarks.concealed.run_tool import Answer, channels_of
+from benchmarks.concealed.run_tool import Answer, ask, channels_of
 from benchmarks.concealed.score import overlap, score
 from benchmarks.concealed.sensor import flash
 
@@ -192,3 +195,15 @@ def test_a_shift_of_whole_steps_is_hard_to_see_where_their_repeatability_is_unkn
     assert mean_information_unknown_repeat(within, sigma, ones, 0.0, group, None) == pytest.approx(
         mean_information(within, sigma, None, group, None), rel=0.01
     )
+
+
+def test_the_tool_asked_is_the_one_beside_the_benchmark(tmp_path, monkeypatch):
+    # the caller stands in a folder that has a package of the same name
+    (tmp_path / "arl_fixtures").mkdir()
+    (tmp_path / "arl_fixtures" / "__init__.py").write_text("raise SystemExit('not this one')")
+    (tmp_path / "case").mkdir()
+    pq.write_table(pa.table({"time_s": [0.0, 1.0]}), tmp_path / "case" / "table.parquet")
+    monkeypatch.chdir(tmp_path)
+    told = ask(Path("case"), Path("out"))
+    assert "not this one" not in told.error
+    assert "channel" in told.error

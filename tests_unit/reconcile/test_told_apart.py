@@ -1,5 +1,6 @@
 """When two findings are one, and when two names are too alike to choose between."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -7,11 +8,11 @@ import pytest
 from arl_fixtures.reconcile import rivals
 from arl_fixtures.reconcile.acceptance import is_repeat
 from arl_fixtures.reconcile.catalogue import library
-from arl_fixtures.reconcile.effect import Variant
-from arl_fixtures.reconcile.findings import _undecided
+from arl_fixtures.reconcile.effect import Parameter, Variant
 from arl_fixtures.reconcile.rivals import has_other_place, mends_the_same
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.terms import Term
+from arl_fixtures.reconcile.told_apart import is_undecided, share_undecided
 
 
 def acting(effect, *drivers):
@@ -40,12 +41,30 @@ def test_the_more_alike_two_effects_are_the_more_it_takes_to_choose():
     known = library()
     zero, late = known["stage.zero_offset"], known["acquisition.frame_lag"]
     beam, passband, walk = known["beam.profile_change"], known["optics.filter_shift"], known["timing.range_walk"]
-    strange = _undecided(beam, walk, sampled=True)
-    alike = _undecided(beam, passband, sampled=True)
-    assert strange < alike < _undecided(zero, late, sampled=True)
-    assert alike == _undecided(passband, beam, sampled=True)
+    strange = share_undecided(beam, walk, sampled=True)
+    alike = share_undecided(beam, passband, sampled=True)
+    assert strange < alike < share_undecided(zero, late, sampled=True)
+    assert alike == share_undecided(passband, beam, sampled=True)
     # a bench that is rendered knows its edges
-    assert _undecided(zero, late, sampled=False) == alike
+    assert share_undecided(zero, late, sampled=False) == alike
+
+
+@pytest.mark.parametrize(
+    ("other", "parameters", "undecided"),
+    [
+        ("optics.filter_shift", 4, True),  # alike: its three more parameters cost 6 and do not count
+        ("timing.range_walk", 4, False),  # unlike: the simpler law is the answer
+        ("optics.filter_shift", 1, False),  # as simple, and it fits worse by 10
+    ],
+)
+def test_of_alike_effects_the_simpler_one_does_not_rule_out_the_other(other, parameters, undecided):
+    def term(effect, count):
+        names = [f"p{k}" for k in range(count)]
+        free = tuple(Parameter(name=n, unit="1", low=-1.0, high=1.0, null=0.0, typical=0.1) for n in names)
+        return replace(acting(effect), variant=replace(acting(effect).variant, parameters=free))
+
+    named = term("beam.profile_change", 1)
+    assert is_undecided(named, term(other, parameters), 10.0, 50.0, sampled=True) == undecided
 
 
 def test_only_what_mixes_or_moves_neighbours_may_leave_a_rest_at_edges():

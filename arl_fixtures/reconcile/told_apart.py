@@ -1,0 +1,41 @@
+"""When two names are too alike to choose between on what a table shows."""
+
+from arl_fixtures.reconcile.acceptance import PRICE
+from arl_fixtures.reconcile.effect import Effect
+from arl_fixtures.reconcile.terms import Term
+
+TWIN_GAIN, TWIN_SHARE = 3.0, 0.03
+"""An alternative that loses less than this (log-likelihood, or share of the finding's gain) cannot be told apart."""
+LIKE_SHARE = 0.12
+"""The share for effects that are known to be alike: a real one's shape differs from the library's by such a part."""
+EDGE_SHARE = 0.3
+"""The share for effects that show at edges, where these are known from the table's own samples only: what the
+operators themselves get wrong there is more than what tells them apart."""
+
+
+def is_undecided(named: Term, other: Term, deficit: float, gain: float, *, sampled: bool) -> bool:
+    """Whether another term in a finding's place cannot be told from it.
+
+    That a law is the simpler one does not rule out another that is alike: then only how well they fit counts.
+
+    Args:
+        named: the finding's term.
+        other: the term that was fitted in its place.
+        deficit: by how much the other gains less, after both were charged for their parameters; log-likelihood.
+        gain: what the finding gains after its charge; log-likelihood.
+        sampled: whether the scene is known from the table's own samples only.
+    """
+    extra = PRICE * max(len(other.free()) - len(named.free()), 0) if _alike(named.effect, other.effect) else 0.0
+    return deficit - extra < max(TWIN_GAIN, share_undecided(named.effect, other.effect, sampled=sampled) * gain)
+
+
+def share_undecided(named: Effect, other: Effect, *, sampled: bool) -> float:
+    """Share of a finding's gain that another effect may lose without being told apart."""
+    if sampled and all(e.displaces or e.mixes for e in (named, other)):
+        return EDGE_SHARE
+    return LIKE_SHARE if _alike(named, other) else TWIN_SHARE
+
+
+def _alike(named: Effect, other: Effect) -> bool:
+    """Whether one of two effects says that it is like the other."""
+    return other.id in named.confusable or named.id in other.confusable
