@@ -27,8 +27,9 @@ from arl_fixtures.reconcile.findings import (
 from arl_fixtures.reconcile.fit import Fit, finish, fit
 from arl_fixtures.reconcile.followed import followed_law
 from arl_fixtures.reconcile.law import Law
-from arl_fixtures.reconcile.law_search import add_trees, is_law, search_law
-from arl_fixtures.reconcile.locate import locate, located_law
+from arl_fixtures.reconcile.law_of_rest import law_of_rest
+from arl_fixtures.reconcile.law_search import search_law
+from arl_fixtures.reconcile.locate import locate
 from arl_fixtures.reconcile.patterns import (
     PATTERN_GAIN,
     Pattern,
@@ -37,11 +38,9 @@ from arl_fixtures.reconcile.patterns import (
     find_scatter,
     is_calibration,
 )
-from arl_fixtures.reconcile.pilot import Structure
 from arl_fixtures.reconcile.problem import ChannelData, Problem
 from arl_fixtures.reconcile.rivals import (
     LEAST_Z,
-    STRUCTURE_GAIN,
     has_other_place,
     is_outdone,
     is_structure,
@@ -59,8 +58,6 @@ from arl_fixtures.reconcile.steadiness import is_unsteady
 from arl_fixtures.reconcile.step_means import acts_within_steps, leaves_other_rows, left_in_steps
 from arl_fixtures.reconcile.terms import Term, forward
 
-TREES_ALONE = 1.5
-"""How much more it must gain where neither a place nor a law is found in what it predicts."""
 LEAST_ENERGY = 1.0
 """Squared standard errors by which an effect must move a channel to act in it."""
 LEFT_SHARE, LEFT_AT_EDGES = 0.25, 0.6
@@ -273,7 +270,7 @@ class Decision:
                 continue  # and this is what a name cannot know of the edges that it moves
             if not acted or self.left_share(name) > UNKNOWN_SHARE:
                 try:
-                    law = self._law_of(d, state, self.after[name])
+                    law = law_of_rest(self.found.looker, d, state, self.after[name], beside=acted)
                 except np.linalg.LinAlgError as error:  # costs this law, not the answer
                     self.search.failed[f"law of {name}"] = f"was not found: {error}"
                     continue
@@ -339,7 +336,7 @@ class Decision:
             return True
         d = next(d for d in self.problem.data if d.channel.name == law.channel)
         state = forward(self.best.terms, self.problem.view)
-        alone = self._law_of(d, state, self.found.looker.look(d, state))
+        alone = law_of_rest(self.found.looker, d, state, self.found.looker.look(d, state))
         if alone is None:
             return False
         add = alone.correction(self.found.looker.features, state[law.channel])
@@ -352,31 +349,6 @@ class Decision:
         before, after = self.found.before[d.channel.name], self.after[d.channel.name]
         drivers = [c for t in self.best.terms for c in t.variant.drivers if c in self.found.looker.features]
         return list(dict.fromkeys([*before.leading()[:3], *after.leading()[:2], *drivers]))
-
-    def _law_of(self, d: ChannelData, state: State, left: Structure) -> Law | None:
-        """Law of what is left in a channel: of functions, else of tables where they stand out, else of trees."""
-        looker, certain = self.found.looker, is_structure(left)
-        place = locate(looker, d, state)
-        if not (certain or place or np.any(d.residual(state))):
-            return None
-        leading = [*(place.columns if place else []), *left.leading()]
-        law, chosen = search_law(looker, d, state, leading)
-        if not (certain or place or is_law(chosen)):
-            return None
-        if place is not None and law.law_gain < place.gain / 2.0:
-            tables = located_law(looker, d, state)
-            if tables.terms:
-                law = tables
-            else:  # what every step has anew: it has a place, but no law
-                law.drivers = list(dict.fromkeys([*place.columns, *law.drivers]))
-                law.gain = max(law.gain, place.gain)
-        if not law.terms and place is None and left.gain < TREES_ALONE * STRUCTURE_GAIN:
-            return None
-        if certain:
-            add_trees(law, looker, d, state, left)
-            law.drivers = law.drivers or left.leading()[:3]
-            law.gain = max(law.gain, left.gain)
-        return law if law.drivers else None
 
     def cross_fitted(self) -> State:
         """Corrected simulation in which each fold's rows use parameters of the other folds (one Newton step)."""

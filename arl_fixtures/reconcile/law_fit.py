@@ -26,6 +26,7 @@ class Chosen:
         inside: the same on the rows of the fit itself.
         left: whitened residual.
         likelier: gain of the channel's likelihood, less `cost`.
+        shared: whether all terms vary only from step to step.
     """
 
     terms: list[Candidate] = field(default_factory=list)
@@ -36,6 +37,7 @@ class Chosen:
     left: FloatArray = field(default_factory=lambda: np.zeros(0))
     inside: float = 0.0
     likelier: float = 0.0
+    shared: bool = False
 
     def cost(self) -> float:
         """Log-likelihood that the terms must bring: what their coefficients pay, and what choosing them is worth."""

@@ -137,10 +137,8 @@ def distinct(work: Work, names: Sequence[str]) -> list[str]:
 
 
 def _shared_price(work: Work, columns: tuple[str, ...]) -> float:
-    """Further price of what varies only from step to step: the fewer the steps, the easier a column fits them."""
-    if not work.is_shared(columns):
-        return 0.0
-    return SHARED_PRICE * (1.0 + min(10.0 / (1.0 + float(work.step.max())), 2.0))
+    """Further price of what varies only from step to step: few witnesses, and many columns that follow them."""
+    return SHARED_PRICE if work.is_shared(columns) else 0.0
 
 
 def _signal(work: Work) -> Axis | None:

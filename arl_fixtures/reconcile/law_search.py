@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy import stats
 
 from arl_fixtures.reconcile.boosting import Binned, Boosted, bin_columns
 from arl_fixtures.reconcile.columns import FloatArray
@@ -58,21 +59,29 @@ MOST_FAILED = 3
 FURTHER_EVIDENCE = 3.0
 """What a further term must earn beyond its price: of hundreds beside a good first one some earn a little."""
 
-LAW_EVIDENCE, LAW_GAIN, LAW_Z = 5.0, 9.0, 2.5
-"""Where nothing else tells of a mismatch, a law's first term must earn this beyond its price, and the law must gain
-this on unseen blocks, this surely."""
-LAW_LIKELIER, LAW_LEAST_Z, LAW_FEW_Z = 6.0, 1.8, 1.5
-"""Marginal likelihood of a whole law, less its price, that tells of a mismatch where several blocks say so; twice
-that where it is two blocks or three of a few (a single one comes to 1)."""
+LEAST_TAIL = -650.0
+"""Logarithm of the least probability that is told from none."""
+LAW_GAIN = 9.0
+"""Log-likelihood that a law must gain on unseen blocks where nothing else tells of a mismatch."""
+LIKELIER, LIKELIER_BESIDE = 4.0, 6.0
+"""Marginal likelihood of a whole law, less its price, that tells of a mismatch: one of 122 null tables exceeds 4 (a
+law on a scatter). Beside a name, whose shape is never quite right, more."""
+LEAST_Z, FEW_Z = 1.7, 1.5
+"""Significance over blocks from which several say so; twice the likelihood where it is two blocks or three of a few
+(a single one comes to 1)."""
+WITHIN = 3.0
+"""Likelihood, in units of the least, of a law within steps from which a single block may say so: what the rows of a
+step share cannot imitate it."""
 
 
-def is_law(chosen: Chosen) -> bool:
-    """Whether a law by itself is evidence of a mismatch."""
+def is_law(chosen: Chosen, *, beside: bool = False) -> bool:
+    """Whether a law by itself is evidence of a mismatch; `beside`: of one that a name in the channel leaves."""
     if not chosen.terms or chosen.held < LAW_GAIN:
         return False
-    sure = chosen.terms[0].gain > LAW_EVIDENCE and chosen.z > LAW_Z and chosen.likelier > LAW_EVIDENCE
-    likely = chosen.likelier > LAW_LIKELIER and chosen.z > LAW_LEAST_Z
-    return sure or likely or (chosen.likelier > 2.0 * LAW_LIKELIER and chosen.z > LAW_FEW_Z)
+    strength = chosen.likelier / (LIKELIER_BESIDE if beside else LIKELIER)
+    if strength > WITHIN and not chosen.shared:
+        return True
+    return strength > (1.0 if chosen.z > LEAST_Z else 2.0) and chosen.z > FEW_Z
 
 
 def find_terms(work: Work, pool: Candidates, whole: Work | None = None) -> Chosen:
@@ -172,12 +181,32 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
             continue
         corrected = state[data.channel.name] + trial.correction(looker.features, state[data.channel.name])
         after, _ = data.fit_scatter(data.measured - data.expect * corrected[data.use])
-        found.likelier = after - before - found.cost()
+        gain = after - before
+        if found.shared:
+            gain = of_few_steps(gain, sum(len(v) for v in found.values), data)
+        found.likelier = gain - found.cost()
         stands, stood = is_law(found), is_law(chosen)  # what only fits gives way to what foretells
         least = chosen.likelier + START_GAIN if chosen.terms and stands == stood else 0.0
         if found.likelier > least and stands >= stood:
             law, chosen = trial, found
     return law, chosen
+
+
+def of_few_steps(gain: float, coefficients: int, data: ChannelData) -> float:
+    """What a gain of likelihood is worth where the steps' scatter is told from the very steps that a law explains.
+
+    With n steps of unknown variance the likelihood gains n/2 ln(1 + k F/ν) for an F ratio of (k, ν = n − 1 − k)
+    degrees; the chi-squared/2 of k degrees that is as unlikely is what it would be if the scatter were known.
+    """
+    level = next((level for level in data.levels if level.name == "step"), None)
+    if level is None or level.declared or level.floor > 0.0 or gain <= 0.0:
+        return gain
+    freedom = level.count - 1 - coefficients
+    if freedom < 1:
+        return 0.0
+    ratio = freedom / coefficients * float(np.expm1(min(2.0 * gain / level.count, 600.0)))
+    log_tail = float(stats.f.logsf(ratio, coefficients, freedom))
+    return gain if log_tail < LEAST_TAIL else 0.5 * float(stats.chi2.isf(np.exp(log_tail), coefficients))
 
 
 def _starts(data: ChannelData, *, within_images: bool = False) -> list[dict[str, float]]:
@@ -217,6 +246,7 @@ def _from_start(
         return law, chosen
     work = Work(data, state, looker.features, tau, ALL_ROWS)
     final = confirm(work, [t.basis for t in chosen.terms])
+    final.shared = all(work.is_shared(t.basis.columns) for t in chosen.terms)
     return law_of(final, data), final
 
 

@@ -1,0 +1,49 @@
+"""What is said of a channel's rest that no name explains: functions, else tables where they stand out, else trees."""
+
+import numpy as np
+
+from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.law import Law
+from arl_fixtures.reconcile.law_search import add_trees, is_law, search_law
+from arl_fixtures.reconcile.locate import locate, located_law
+from arl_fixtures.reconcile.pilot import Looker, Structure
+from arl_fixtures.reconcile.problem import ChannelData
+from arl_fixtures.reconcile.rivals import STRUCTURE_GAIN, is_structure
+
+TREES_ALONE = 1.5
+"""How much more it must gain where neither a place nor a law is found in what it predicts."""
+
+
+def law_of_rest(
+    looker: Looker, data: ChannelData, state: State, left: Structure, *, beside: bool = False
+) -> Law | None:
+    """Law of what is left in a channel, None where nothing tells of a mismatch.
+
+    Args:
+        looker: of the problem.
+        data: the channel.
+        state: corrected simulation.
+        left: physics-free structure that stays in the channel.
+        beside: whether a name acts in the channel: a faint rest may then be what the name gets wrong.
+    """
+    certain, place = is_structure(left), locate(looker, data, state)
+    if not (certain or place or np.any(data.residual(state))):
+        return None
+    leading = [*(place.columns if place else []), *left.leading()]
+    law, chosen = search_law(looker, data, state, leading)
+    if not (certain or place or is_law(chosen, beside=beside)):
+        return None
+    if place is not None and law.law_gain < place.gain / 2.0:
+        tables = located_law(looker, data, state)
+        if tables.terms:
+            law = tables
+        else:  # what every step has anew: it has a place, but no law
+            law.drivers = list(dict.fromkeys([*place.columns, *law.drivers]))
+            law.gain = max(law.gain, place.gain)
+    if not law.terms and place is None and left.gain < TREES_ALONE * STRUCTURE_GAIN:
+        return None
+    if certain:
+        add_trees(law, looker, data, state, left)
+        law.drivers = law.drivers or left.leading()[:3]
+        law.gain = max(law.gain, left.gain)
+    return law if law.drivers else None

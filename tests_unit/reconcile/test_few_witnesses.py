@@ -1,0 +1,57 @@
+"""Few steps tell little of what they share, and one step's image tells enough."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from arl_fixtures.reconcile.law_search import is_law, of_few_steps, search_law
+from arl_fixtures.reconcile.pilot import Looker
+from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.table import load_table
+
+
+def steps(count, *, declared=False):
+    level = SimpleNamespace(name="step", count=count, declared=declared, floor=1.0 if declared else 0.0)
+    return SimpleNamespace(levels=[level])
+
+
+@pytest.mark.parametrize(("count", "coefficients"), [(5, 1), (7, 1), (7, 3), (40, 2)])
+def test_chance_exceeds_the_worth_of_a_gain_as_often_as_with_a_known_scatter(count, coefficients):
+    rng = np.random.default_rng(5)
+    shapes = np.column_stack([np.ones(count), rng.normal(size=(count, coefficients))])
+    y = rng.normal(size=(4000, count))
+    left = y - y @ np.linalg.pinv(shapes).T @ shapes.T
+    level = y - y.mean(axis=1, keepdims=True)
+    gains = 0.5 * count * np.log(np.sum(level**2, axis=1) / np.sum(left**2, axis=1))  # the scatter at its best twice
+    worth = np.array([of_few_steps(float(g), coefficients, steps(count)) for g in gains])
+    for share in (0.3, 0.05):
+        rare = 0.5 * stats.chi2.isf(share, coefficients)
+        assert np.mean(worth > rare) == pytest.approx(share, abs=4.0 * np.sqrt(share / 4000))
+
+
+def test_a_stated_scatter_is_not_told_from_the_steps():
+    assert of_few_steps(9.0, 1, steps(5, declared=True)) == 9.0
+    assert of_few_steps(9.0, 1, steps(5)) < 5.0
+
+
+@pytest.mark.parametrize(
+    ("shape", "found"),
+    [
+        (lambda c: (c["pixel_v"] / 31.0) ** 2 - 1.0 / 3.0, True),  # the image of one step is another
+        (lambda _: 1.0, False),  # what a step's rows share may be its own error
+    ],
+)
+def test_a_single_step_may_tell_of_what_lies_within_its_image(tmp_path, make_table, save, shape, found):
+    def shaken(columns, _rng):
+        shaking = columns["step"] == 3
+        columns["vibration_g"] = 0.1 * columns["step"] + 3.0 * shaking
+        columns["distance_m"] = columns["distance_m"] + 6e-3 * shape(columns) * shaking
+
+    columns = load_table(save(tmp_path / "shaken.parquet", make_table(71, shaken, duts=1)))
+    looker = Looker(Problem(columns))
+    data = next(d for d in looker.problem.data if d.channel.name == "distance_m")
+    looker.calibrate(data, looker.problem.view.fresh_state())
+    _, chosen = search_law(looker, data, looker.problem.view.fresh_state(), ["vibration_g", "pixel_v"])
+    assert is_law(chosen) == found
