@@ -96,7 +96,8 @@ class Decision:
     def run(self) -> tuple[list[Finding], dict[str, ChannelFit]]:
         """All findings, strongest first, and the agreement of each channel."""
         self._add_patterns()
-        self._gate()
+        while self._gate():
+            pass  # what stands beside fewer names is asked anew
         self._find_laws()
         self._drop_shadowed()
         self._find_scatters()
@@ -187,28 +188,30 @@ class Decision:
         after = d.whiten(d.residual(forward(self.terms, self.problem.view)))
         return 0.5 * float(before @ before - after @ after)
 
-    def _gate(self) -> None:
+    def _gate(self) -> bool:
         """Drop the names of channels in which too much stays predictable, or which a law without physics beats.
 
-        And names whose strength is another one under other conditions.
+        And names whose strength is another one under other conditions. Tells whether any fell.
         """
         if not self.best.terms:
-            return
+            return False
         bad = {d.channel.name for d in self.problem.data if self._is_left(d)}
         bad |= {d.channel.name for d in self.problem.data if d.channel.name not in bad and self._is_beaten(d)}
         unsteady = [t for t in self.best.terms if is_unsteady(self.found.looker, self.terms, t)]
-        self.fallen = dict(self._mismatch_of(t) for t in unsteady)
-        self.refused = {t.effect.id for t in unsteady}
+        self.fallen |= dict(self._mismatch_of(t) for t in unsteady)
+        self.refused |= {t.effect.id for t in unsteady}
         kept = tuple(t for t in self.best.terms if not self._mostly_in(t, bad) and t not in unsteady)
-        if len(kept) != len(self.best.terms):
-            for d in self.problem.data:
-                d.follow(forward(kept, self.problem.view))
-            self.best = finish(self.problem, fit(self.problem, kept, rounds=4))
-            # a name may only have mended one that does not stand
-            self.best = self.search.prune(self.best, self.found.screening)
-            self.patterns = []  # found beside what does not stand
-            self._look()
-            self._add_patterns()
+        if len(kept) == len(self.best.terms):
+            return False
+        for d in self.problem.data:
+            d.follow(forward(kept, self.problem.view))
+        self.best = finish(self.problem, fit(self.problem, kept, rounds=4))
+        # a name may only have mended one that does not stand
+        self.best = self.search.prune(self.best, self.found.screening)
+        self.patterns = []  # found beside what does not stand
+        self._look()
+        self._add_patterns()
+        return True
 
     def _mismatch_of(self, term: Term) -> tuple[str, Law]:
         """Channel that a term moves most, and a law without terms: what passed for a name is a mismatch for sure."""

@@ -71,3 +71,21 @@ def test_bins_in_which_a_name_hardly_acts_decide_nothing():
     assert scatter < 0.1
     worse, _ = factor_scatter(place, change**2, change * (left + 0.5 * change * (place > 6)))
     assert worse > 0.15
+
+
+def test_a_name_is_asked_anew_when_one_beside_it_has_fallen(monkeypatch):
+    def two(columns):
+        columns["distance_m"] *= 1.004
+        columns["intensity_counts"] *= 1.0 - 4e-4 * columns["set_temperature_c"]
+
+    table = array_in_chamber(3, two)
+    both = [library()[name] for name in ("timing.clock_scale", "detector.gain_temperature")]
+    assert {f.effect for f in diagnose(table, effects=both)[0].findings} == {e.id for e in both}
+
+    def unsteady(_looker, terms, term):
+        """The scale never holds; the gain seems to while the scale stands beside it."""
+        beside = {t.effect.id for t in terms if t is not term}
+        return term.effect.id == "timing.clock_scale" or "timing.clock_scale" not in beside
+
+    monkeypatch.setattr("arl_fixtures.reconcile.decide.is_unsteady", unsteady)
+    assert {f.effect for f in diagnose(table, effects=both)[0].findings} == {"unknown"}
