@@ -188,6 +188,8 @@ class Effect(ABC):
     """Whether rows show the scene from elsewhere: what they see at its edges hangs on how well these are known."""
     common: ClassVar[bool] = False
     """Whether the scatter that it adds is the same in all rows of a frame: means of few frames then scatter, too."""
+    exact: ClassVar[bool] = False
+    """Whether its law is a plain number or share, which leaves a real one no other shape."""
     confusable: ClassVar[tuple[str, ...]] = ()
     """Ids that are like this one: a table must tell them apart more clearly than others (the engine tests it)."""
 

@@ -23,6 +23,8 @@ from arl_fixtures.reconcile.terms import Term, default_values, field_keys, forwa
 PATTERN_GAIN = 12.0
 SPARSE_Z = 6.0
 SCATTER_GAIN = 9.0
+FEWEST_LEVELS = 5
+"""Pixels or zones whose values make a pattern."""
 LEAST_SHARED = 0.5
 """Row errors that images must share at least: less is what neighbouring pixels' noise has in common."""
 
@@ -63,7 +65,7 @@ def _fit_pattern(
 ) -> Pattern | None:
     view = problem.view
     code, keys = field_keys(parameter.per, view)
-    if len(keys) < 8 or view.n < 2 * len(keys):
+    if len(keys) < FEWEST_LEVELS or view.n < 2 * len(keys):
         return None
     null = parameter.null if parameter.null is not None else 0.0
     step = 0.1 * parameter.typical
@@ -81,14 +83,14 @@ def _fit_pattern(
         if not sparse:  # a few dead pixels would pull the mean of their step
             residual = residual - shared_part(d, residual)
         weight = d.root_weight**2
-        half = np.unique(d.block, return_inverse=True)[1] % 2
+        half = _halves(problem, d, code[d.use])
         for k in (0, 1):
             part = half == k
             gram[k] += np.bincount(code[d.use][part], (weight * tangent**2)[part], minlength=len(keys))
             score[k] += np.bincount(code[d.use][part], (weight * tangent * residual)[part], minlength=len(keys))
     total, pull = gram.sum(axis=0), score.sum(axis=0)
     good = total > 1e-9
-    if good.sum() < 8:
+    if good.sum() < FEWEST_LEVELS:
         return None
     values = np.zeros(len(keys))
     if sparse:
@@ -111,6 +113,20 @@ def _fit_pattern(
     level = {key: x for key, x in level.items() if x != null}
     fitted = Term(effect=effect, variant=variant, values=default_values(variant), fields={parameter.name: level})
     return Pattern(term=fitted, gain=gain, z=z_half, size=size)
+
+
+def _halves(problem: Problem, data: ChannelData, level: IntArray) -> IntArray:
+    """Half of each row: whole blocks by turns, or images where blocks are parts of these and keep a pixel's rows."""
+    groups, rows = problem.groups, problem.view.rows[data.use]
+    for code in (data.block, groups.frame, groups.step):
+        if code is None:
+            continue
+        here = code if code is data.block else code[rows]
+        half = np.unique(here, return_inverse=True)[1].astype(np.int64) % 2
+        both = np.intersect1d(level[half == 0], level[half == 1])
+        if 2 * len(both) > len(np.unique(level)):
+            return half
+    return np.asarray(np.unique(data.block, return_inverse=True)[1] % 2, dtype=np.int64)
 
 
 def half_z(gram: FloatArray, score: FloatArray, tau: float) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 from arl_fixtures.reconcile.boosting import Binned, Ceiling, bin_columns, ceiling
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.estimated_noise import estimated_error, group_median, noise_quantities
 from arl_fixtures.reconcile.features import features_of
 from arl_fixtures.reconcile.problem import ChannelData, Problem
 from arl_fixtures.reconcile.roles import Role
@@ -131,11 +132,17 @@ class Looker:
 
     def _set_noise(self, data: ChannelData, left: FloatArray) -> None:
         """Spread and trust from what is left of the residual, in units of the scale."""
+        if not data.stated_known:
+            view = self.problem.view
+            frames, rows = np.nan_to_num(view.frames()[data.use], nan=1.0), view.rows[data.use]
+            data.stated = estimated_error(
+                left * data.scale, frames, noise_quantities(view, data.use), self.problem.groups.step[rows]
+            )
         z = left * data.scale / data.stated
         for level in data.levels:
             count = np.bincount(level.code, minlength=level.count)
             if np.median(count[count > 0]) >= 4:
-                z = z - _group_median(level.code, z, level.count)[level.code]
+                z = z - group_median(level.code, z, level.count)[level.code]
         spread = 1.4826 * float(np.median(np.abs(z)))
         data.spread = max(spread, 1.0) if data.stated_known else max(spread, 0.05)
         beyond = np.where(data.dark, 0.0, np.abs(z) / data.spread) if len(data.dark) else np.abs(z) / data.spread
@@ -178,11 +185,3 @@ def nothing(data: ChannelData) -> Structure:
 
 def _spread(x: FloatArray) -> float:
     return 1.4826 * float(np.median(np.abs(x - np.median(x))))
-
-
-def _group_median(code: IntArray, x: FloatArray, count: int) -> FloatArray:
-    order = np.lexsort((x, code))
-    sizes = np.bincount(code, minlength=count)
-    start = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    middle = np.minimum(start + sizes // 2, len(x) - 1)
-    return np.asarray(x[order][middle], dtype=np.float64)

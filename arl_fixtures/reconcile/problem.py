@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.columns import Channel, Columns, FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.estimated_noise import estimated_error, noise_quantities
 from arl_fixtures.reconcile.grouping import Groups, find_groups
 from arl_fixtures.reconcile.mixed_model import UnitConstants
 from arl_fixtures.reconcile.noise import Level, Whitener, fit_tau, surprise
@@ -20,6 +21,8 @@ from arl_fixtures.reconcile.view import View
 FOLDS = 5
 FEWEST_STEPS = 6
 """Steps from which an undeclared scatter between steps can be estimated."""
+SCATTER_STEPS = 0.005
+"""Share by which the scatter of frames differs from step to step at rest; it counts like a declared one."""
 ZERO_SHARE = 0.02
 """Standard deviation of a calibrated signal's zero beside an effect, as a share of the median signal."""
 CALIBRATED = (Role.INTENSITY, Role.DISTANCE)
@@ -287,6 +290,8 @@ class Problem:
         floor, step_scale, stated_shared = 0.0, scale, False
         if declared is not None and np.any(declared[rows] > 0):
             step_scale, floor, stated_shared = np.nan_to_num(declared[rows]), 1.0, True
+        elif channel.role is Role.SCATTER:
+            step_scale, floor, stated_shared = SCATTER_STEPS * scale, 1.0, True
         elif len(np.unique(groups.step[rows])) < FEWEST_STEPS:
             floor = 1.0  # neither declared nor to be estimated: what a step shares carries no evidence
         made = _level("step", groups.step[rows], step_scale, floor=floor, fewest=1, declared=stated_shared)
@@ -302,9 +307,10 @@ class Problem:
             stated_known=known, expect=expect,
         )  # fmt: skip
         if not known:
-            residual = data.residual(view.sim) / scale
-            centre = np.median(residual)
-            data.stated = scale * max(1.4826 * float(np.median(np.abs(residual - centre))), 1e-9)
+            frames = np.nan_to_num(view.frames()[use], nan=1.0)
+            data.stated = estimated_error(
+                data.residual(view.sim), frames, noise_quantities(view, use), groups.step[rows]
+            )
             data.rebuild({})
         return data
 

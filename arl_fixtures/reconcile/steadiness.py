@@ -19,9 +19,9 @@ from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.terms import Term, forward
 
 BINS = 12
-UNSTEADY = 0.3
+UNSTEADY, UNSTEADY_EXACT = 0.3, 0.15
 """Standard deviation of a name's factor between bins, each counting by what the name changes there, from which it is
-not that effect: shapes differ by less."""
+not that effect: shapes differ by less, and those of plain numbers not at all."""
 UNSTEADY_GAIN = 6.0
 """Log-likelihood of such a scatter: among some twenty columns that tell something of their own, chance gives it once
 in two hundred names."""
@@ -47,7 +47,7 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
     score = np.concatenate([c * d.whiten(d.residual(full)) for c, d in zip(change, acting, strict=True)])
     for values in looker.features.values():
         tau, gain = factor_scatter(np.concatenate([values[d.use] for d in acting]), power, score)
-        if gain > UNSTEADY_GAIN and tau > UNSTEADY:
+        if gain > UNSTEADY_GAIN and tau > (UNSTEADY_EXACT if term.effect.exact else UNSTEADY):
             return True
     return False
 

@@ -89,3 +89,14 @@ def test_a_name_is_asked_anew_when_one_beside_it_has_fallen(monkeypatch):
 
     monkeypatch.setattr("arl_fixtures.reconcile.decide.is_unsteady", unsteady)
     assert {f.effect for f in diagnose(table, effects=both)[0].findings} == {"unknown"}
+
+
+def test_a_plain_number_may_scatter_less_than_a_law_with_a_shape(monkeypatch):
+    def two(columns):
+        columns["distance_m"] *= 1.004
+        columns["intensity_counts"] *= 1.0 - 4e-4 * columns["set_temperature_c"]
+
+    monkeypatch.setattr("arl_fixtures.reconcile.steadiness.factor_scatter", lambda *_: (0.2, 9.0))
+    both = [library()[name] for name in ("timing.clock_scale", "detector.gain_temperature")]
+    found = diagnose(array_in_chamber(3, two), effects=both)[0].findings
+    assert {f.effect for f in found} == {"detector.gain_temperature", "unknown"}

@@ -20,8 +20,9 @@ class PixelResponse(Effect):
     confusable = ("optics.window_contamination", "readout.column_pattern", "optics.vignetting")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """One per intensity channel of an imaging sensor."""
+        """One per intensity channel of a sensor with pixels or zones."""
         pixels = tuple(name for name in ("pixel_u", "pixel_v") if view.varies(name))
+        pixels = pixels or tuple(name for name in ("zone",) if view.varies(name))
         if not pixels:
             return
         levels = (*(("dut",) if view.labels("dut") else ()), *pixels)

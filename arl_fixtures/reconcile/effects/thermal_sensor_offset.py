@@ -23,6 +23,7 @@ class SensorOffset(Effect):
     id = "thermal.sensor_offset"
     stage = Stage.BOOKKEEPING
     source = "IEC 60584-1: type K class 1, ±1.5 K or ±0.4 %"
+    exact = True
     confusable = ("thermal.contact_resistance",)
 
     def variants(self, view: View) -> Iterable[Variant]:

@@ -34,6 +34,7 @@ class ClockScale(Effect):
     source = (
         "D = c·n_ticks / (2·f_clock); quartz oscillators: 10 to 100 ppm, free-running ring oscillators up to percents"
     )
+    exact = True
     confusable = ("timing.temperature_offset", "stage.eccentricity", "timing.range_walk")
 
     def variants(self, view: View) -> Iterable[Variant]:

@@ -19,9 +19,16 @@ from arl_fixtures.reconcile.effects_common import (
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
+HARMONICS = 3
+"""Waves in a period by which cells of unequal length are told: their error, a sum of many, has little above."""
+
 
 class TdcNonlinearity(Effect):
-    """D += a·sin(2πD/period) + b·cos(2πD/period): the interpolator's cells are not equally long."""
+    """D += a·sin(2πD/period) + b·cos(2πD/period): the interpolator's cells are not equally long.
+
+    * wave: one wave in a period, as of a delay line that is bent.
+    * cells: the same with its second and third harmonic, as of cells whose lengths are random.
+    """
 
     id = "timing.tdc_nonlinearity"
     stage = Stage.TIMING
@@ -43,33 +50,40 @@ class TdcNonlinearity(Effect):
             if longest <= 1.05 * shortest:
                 continue
             starts = period_starts(shortest, longest, spread, most=40)
-            yield Variant(
-                effect=self.id,
-                options={"channel": distance},
-                parameters=(
-                    amplitude("sine", unit_of(distance), -0.1 * reach, 0.1 * reach, 0.002 * size),
-                    amplitude("cosine", unit_of(distance), -0.1 * reach, 0.1 * reach, 0.002 * size),
-                    shape("period", unit_of(distance), 0.5 * shortest, 1.15 * longest, *starts),
-                ),
-                channels=(distance,),
-                drivers=(f"sim_{distance}",),
-            )
+            period = shape("period", unit_of(distance), 0.5 * shortest, 1.15 * longest, *starts)
+            for harmonics in (1, HARMONICS):
+                waves = [
+                    amplitude(name, unit_of(distance), -0.1 * reach, 0.1 * reach, 0.002 * size)
+                    for order in range(1, harmonics + 1) for name in _names(order)
+                ]  # fmt: skip
+                yield Variant(
+                    effect=self.id,
+                    options={"channel": distance, **({"harmonics": harmonics} if harmonics > 1 else {})},
+                    parameters=(*waves, period),
+                    channels=(distance,),
+                    drivers=(f"sim_{distance}",),
+                )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Adds the error at the distance that came so far."""
         distance = str(variant.options["channel"])
         phase = 2.0 * np.pi / values["period"] * state[distance]
-        state[distance] = state[distance] + values["sine"] * np.sin(phase) + values["cosine"] * np.cos(phase)
+        state[distance] = state[distance] + _error(phase, values)
 
     def expression(self, variant: Variant) -> str:
         """The law."""
         distance = variant.options["channel"]
-        return f"{distance} += sine * sin(2 pi {distance} / period) + cosine * cos(2 pi {distance} / period)"
+        terms = []
+        for order in range(1, int(variant.options.get("harmonics", 1)) + 1):
+            sine, cosine = _names(order)
+            turn = f"2 pi {f'{order} ' if order > 1 else ''}{distance} / period"
+            terms += [f"{sine} * sin({turn})", f"{cosine} * cos({turn})"]
+        return f"{distance} += {' + '.join(terms)}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Amplitude and period."""
         distance = str(variant.options["channel"])
-        size = in_mm(float(np.hypot(values["sine"], values["cosine"])), distance)
+        size = in_mm(float(np.ptp(_error(np.linspace(0.0, 2.0 * np.pi, 200), values))) / 2.0, distance)
         return f"The distance swings by ±{size:.2f} mm with a period of {in_mm(values['period'], distance):.1f} mm."
 
     def next_experiment(self, variant: Variant) -> str:
@@ -77,6 +91,21 @@ class TdcNonlinearity(Effect):
         return (
             "Move a flat target through two periods in steps of a tenth of one, at constant temperature and signal."
         )
+
+
+def _names(order: int) -> tuple[str, str]:
+    """Names of the two amplitudes of a harmonic."""
+    return ("sine", "cosine") if order == 1 else (f"sine_{order}", f"cosine_{order}")
+
+
+def _error(phase: FloatArray, values: Values) -> FloatArray:
+    """Error at a phase, with as many harmonics as there are values of."""
+    total: FloatArray = np.zeros(np.shape(phase))
+    for order in range(1, HARMONICS + 1):
+        sine, cosine = _names(order)
+        if sine in values:
+            total = total + values[sine] * np.sin(order * phase) + values[cosine] * np.cos(order * phase)
+    return total
 
 
 def _spread(view: View, distance: str) -> tuple[float, float]:

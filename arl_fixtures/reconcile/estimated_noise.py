@@ -1,0 +1,107 @@
+"""The standard error of each row's mean where the simulation states none: its size, and what it grows with.
+
+A signal's noise has a floor and grows with the signal; a range's grows where the signal fades. So the scatter of what
+rows of one group leave is looked at over each simulated quantity, in bins of as many rows; a quantity over which it
+is not one and the same shapes the errors, and what is left is looked at over the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.view import View
+
+MOST_BINS, LEAST_ROWS, LEAST_GROUP = 12, 25, 4
+LEAST_GAIN, GAIN_BIN = 6.0, 2.0
+"""Log-likelihood that a shape must gain, and for each of its bins: the scatter of few rows is uncertain itself."""
+NORMAL = 1.4826
+"""Standard deviation of a normal variable over its median absolute deviation."""
+
+
+def estimated_error(
+    deviations: FloatArray, frames: FloatArray, quantities: Sequence[FloatArray], group: IntArray
+) -> FloatArray:
+    """Standard error of each row's mean.
+
+    Args:
+        deviations: measured less expected, in the channel's unit, shape (n,).
+        frames: averaged in each row.
+        quantities: simulated values on which a noise may hang, each (n,).
+        group: code of rows that share an error; their median is not noise.
+    """
+    single = np.sqrt(np.maximum(frames, 1.0))
+    code = np.unique(group, return_inverse=True)[1].astype(np.int64)
+    count = np.bincount(code)
+    own = group_median(code, deviations, len(count))[code]
+    left = (deviations - np.where(count[code] >= LEAST_GROUP, own, np.median(deviations))) * single
+    shape = np.ones(len(left))
+    waiting = list(quantities)
+    while waiting:
+        found = [_shape_over(values, left / shape) for values in waiting]
+        best = int(np.argmax([gain for gain, _ in found]))
+        if found[best][0] <= 0.0:
+            break
+        shape = shape * found[best][1]
+        del waiting[best]
+    return np.asarray(shape * max(_spread(left / shape), 1e-300) / single)
+
+
+def noise_quantities(view: View, use: IntArray) -> list[FloatArray]:
+    """Simulated values of rows on which their noise may hang."""
+    means = [c.name for c in view.columns.channels if c.role is not Role.SCATTER]
+    quantities = [view.sim[name][use] for name in means]
+    if view.has("true_range_m"):
+        quantities.append(view.number("true_range_m")[use])
+    return quantities
+
+
+def group_median(code: IntArray, x: FloatArray, count: int) -> FloatArray:
+    """Median of each group of 0…count−1, (count,)."""
+    order = np.lexsort((x, code))
+    sizes = np.bincount(code, minlength=count)
+    start = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    middle = np.minimum(start + sizes // 2, len(x) - 1)
+    return np.asarray(x[order][middle], dtype=np.float64)
+
+
+def _shape_over(values: FloatArray, left: FloatArray) -> tuple[float, FloatArray]:
+    """What it gains to let the scatter be a function of a quantity, and that function on the rows.
+
+    The gain is that of the double exponential distribution, which few wild rows do not rule.
+    """
+    flat = np.ones(len(left))
+    known = np.isfinite(values)
+    bins = min(MOST_BINS, int(known.sum()) // LEAST_ROWS)
+    if bins < 2:
+        return 0.0, flat
+    cuts = np.unique(np.quantile(values[known], np.linspace(0.0, 1.0, bins + 1)[1:-1]))
+    code = np.searchsorted(cuts, np.where(known, values, np.median(values[known])), side="right")
+    present, count = np.unique(code, return_counts=True)
+    if len(present) < 2:
+        return 0.0, flat
+    sizes = np.array([_spread(left[code == k]) for k in present])
+    if not np.all(sizes > 0.0):
+        return 0.0, flat
+    size, means = np.abs(left), np.array([np.mean(np.abs(left[code == k])) for k in present])
+    gain = float(count @ np.log(np.mean(size) / means)) - LEAST_GAIN - GAIN_BIN * len(present)
+    place = _places(values, known)
+    middle = np.array([np.median(place[known & (code == k)]) for k in present])
+    shape = np.exp(np.interp(np.where(known, place, middle[0]), middle, np.log(sizes / _spread(left))))
+    return gain, np.where(known, shape, 1.0)
+
+
+def _places(values: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
+    """A quantity's logarithm, as noise grows by powers of it; itself where it has both signs."""
+    if np.any(values[known] < 0.0):
+        return values
+    least = 1e-3 * float(np.median(values[known]))
+    return np.log(np.maximum(np.nan_to_num(values), max(least, 1e-300)))
+
+
+def _spread(left: FloatArray) -> float:
+    return NORMAL * float(np.median(np.abs(left)))

@@ -1,0 +1,38 @@
+"""A delay line whose cells are of random length is a converter's error all the same, though no single wave."""
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from arl_fixtures.reconcile.catalogue import library
+from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.table import columns_of
+
+PERIOD_M = 0.42
+
+
+def rail(seed, spread):
+    """A target at 120 distances and three temperatures; sixteen cells in a period, told by counting their edges."""
+    rng = np.random.default_rng(seed)
+    metres, step = (a.ravel() for a in np.meshgrid(np.linspace(0.4, 3.4, 120), np.arange(3), indexing="ij"))
+    cells = np.maximum(1.0 + spread * rng.normal(size=16), 0.1)
+    edges = np.concatenate([[0.0], np.cumsum(cells)]) * PERIOD_M / cells.sum()
+    read = np.floor(metres / PERIOD_M) * PERIOD_M + np.interp(
+        metres % PERIOD_M, edges, np.linspace(0.0, PERIOD_M, 17)
+    )
+    return {
+        "step": step.astype(float), "set_temperature_c": 25.0 + 20.0 * step, "true_range_m": metres,
+        "sim_distance_m": metres, "sim_distance_m_std": np.full(metres.size, 0.003),
+        "n_frames": np.full(metres.size, 20.0), "sim_distance_m_repeat_std": np.full(metres.size, 2e-4),
+        "distance_m": read + 0.003 / np.sqrt(20.0) * rng.normal(size=metres.size) + 2e-4 * rng.normal(size=3)[step],
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", [2, 5])
+def test_cells_of_random_length_are_named_with_their_harmonics(seed):
+    table = columns_of(pa.table(rail(seed, 0.12)))
+    found = diagnose(table, effects=[library()["timing.tdc_nonlinearity"]])[0].findings
+    assert [f.effect for f in found] == ["timing.tdc_nonlinearity"]
+    period = next(p for p in found[0].parameters if p.name == "period")
+    assert period.value == pytest.approx(PERIOD_M, rel=0.02)
+    assert found[0].held_out.explained > 0.8

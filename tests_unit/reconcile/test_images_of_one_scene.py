@@ -1,0 +1,52 @@
+"""A camera that does not move: pixels and conditions are told by images, of which steps may have few."""
+
+import numpy as np
+import pyarrow as pa
+
+from arl_fixtures.reconcile.catalogue import library
+from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.table import columns_of
+
+
+def camera(seed, *, steps, images, change):
+    """Images of 16 by 12 pixels of one scene, ten frames each; `change` bends what is measured before its noise."""
+    rng = np.random.default_rng(seed)
+    image, v, u = (a.ravel() for a in np.meshgrid(np.arange(steps * images), np.arange(12), np.arange(16)))
+    step, size = image // images, image.size
+    light = 300.0 + 40.0 * ((3 * u + 5 * v) % 23)
+    noise = 2.0 + 0.3 * np.sqrt(light)
+    columns = {
+        "step": step.astype(float), "image": image.astype(float), "time_s": 40.0 * image, "pixel_u": u.astype(float),
+        "pixel_v": v.astype(float), "tof_temperature_c": 15.0 + 12.0 * step + 0.1 * (image % images),
+        "n_frames": np.full(size, 10.0), "sim_intensity_counts": light, "sim_intensity_counts_std": noise,
+    }  # fmt: skip
+    true, wider = change(columns, light, noise, rng)
+    frames = true + wider * rng.normal(size=(10, size))
+    columns["intensity_counts"] = frames.mean(axis=0)
+    columns["intensity_counts_std"] = frames.std(axis=0, ddof=1)
+    return columns_of(pa.table(columns))
+
+
+def said(table, *effects):
+    return [f.effect for f in diagnose(table, effects=[library()[name] for name in effects])[0].findings]
+
+
+def test_a_pattern_of_pixels_is_seen_in_half_of_the_images_and_again_in_the_other():
+    def uneven(_columns, light, noise, _rng):
+        gain = 0.004 * np.random.default_rng(9).normal(size=12 * 16)
+        pixel = np.arange(12 * 16).reshape(12, 16)
+        u, v = _columns["pixel_u"].astype(int), _columns["pixel_v"].astype(int)
+        return light * (1.0 + gain[pixel[v, u]]), noise
+
+    table = camera(4, steps=2, images=6, change=uneven)
+    assert said(table, "detector.pixel_response", "optics.vignetting") == ["detector.pixel_response"]
+
+
+def test_frames_that_scatter_more_in_the_hottest_of_four_steps_are_named():
+    def noisy(columns, light, noise, _rng):
+        return light, noise * np.where(columns["tof_temperature_c"] > 48.0, 1.09, 1.0)
+
+    table = camera(5, steps=4, images=6, change=noisy)
+    assert said(table, "readout.noise_excess", "laser.pulse_energy_jitter") == ["readout.noise_excess"]
+    quiet = camera(5, steps=4, images=6, change=lambda _c, light, noise, _r: (light, noise))
+    assert said(quiet, "readout.noise_excess", "laser.pulse_energy_jitter") == []
