@@ -144,7 +144,7 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
     if _mends_side_effects(problem, ranked):
         return True
     for index, term in enumerate(base.terms):
-        if not set(term.variant.channels) & set(new.variant.channels):
+        if not set(term.variant.channels) & set(new.variant.channels) or _is_side(term, new):
             continue
         alike = bool(_columns(term) & _columns(new)) and not _has_own_driver(problem, ranked, term)
         least = (MISFIT_SHARE if alike else HIDDEN_SHARE) * gains.get(index, 0.0)
@@ -156,6 +156,13 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
         if ranked.gain < least and not apart:
             return True
     return False
+
+
+def _is_side(term: Term, new: Term) -> bool:
+    """Whether an effect moves the channels of another, which are scatters, on the side only."""
+    return all(name.endswith("_std") for name in new.variant.channels) and not all(
+        name.endswith("_std") for name in term.variant.channels
+    )
 
 
 def _mends_side_effects(problem: Problem, ranked: Ranked) -> bool:
@@ -170,7 +177,7 @@ def _mends_side_effects(problem: Problem, ranked: Ranked) -> bool:
     moved, plain, largest = 0.0, False, 0.0
     for d in problem.data:
         name = d.channel.name
-        if after[name] is before[name]:
+        if np.array_equal(after[name], before[name], equal_nan=True):
             continue
         scatter = d.channel.role is Role.SCATTER
         plain |= not scatter

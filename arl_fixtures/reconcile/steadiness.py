@@ -25,6 +25,8 @@ not that effect: shapes differ by less, and those of plain numbers not at all.""
 UNSTEADY_GAIN = 6.0
 """Log-likelihood of such a scatter: among some twenty columns that tell something of their own, chance gives it once
 in two hundred names."""
+LEAST_IN_UNIT, LEAST_POWER = 0.25, 0.02
+"""Least factor of a name in a unit, of those that have a share of what it changes: one with next to none lacks it."""
 
 
 def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
@@ -45,11 +47,21 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
     change = [d.whiten(d.expect * (full[d.channel.name] - rest[d.channel.name])[d.use]) for d in acting]
     power = np.concatenate([c * c for c in change])
     score = np.concatenate([c * d.whiten(d.residual(full)) for c, d in zip(change, acting, strict=True)])
-    for values in looker.features.values():
-        tau, gain = factor_scatter(np.concatenate([values[d.use] for d in acting]), power, score)
-        if gain > UNSTEADY_GAIN and tau > (UNSTEADY_EXACT if term.effect.exact else UNSTEADY):
+    for name, values in looker.features.items():
+        place = np.concatenate([values[d.use] for d in acting])
+        tau, gain = factor_scatter(place, power, score)
+        moving = gain > UNSTEADY_GAIN and tau > (UNSTEADY_EXACT if term.effect.exact else UNSTEADY)
+        if moving and not (name in problem.groups.unit_columns and acts_in_all(place, power, score)):
             return True
     return False
+
+
+def acts_in_all(unit: FloatArray, power: FloatArray, score: FloatArray) -> bool:
+    """Whether a change acts in every unit, if more in one than in another: units are not alike."""
+    code = _bins(unit)
+    total, pull = (np.bincount(code, x) for x in (power, score))
+    there = total > LEAST_POWER * total.sum()
+    return bool(np.all(1.0 + pull[there] / total[there] > LEAST_IN_UNIT))
 
 
 def factor_scatter(values: FloatArray, power: FloatArray, score: FloatArray) -> tuple[float, float]:

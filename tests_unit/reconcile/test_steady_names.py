@@ -6,7 +6,7 @@ import pytest
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.reconcile import diagnose
-from arl_fixtures.reconcile.steadiness import factor_scatter
+from arl_fixtures.reconcile.steadiness import acts_in_all, factor_scatter
 from arl_fixtures.reconcile.table import columns_of
 
 KNOWN = [library()[name] for name in ("detector.pixel_response", "timing.clock_scale")]
@@ -100,3 +100,12 @@ def test_a_plain_number_may_scatter_less_than_a_law_with_a_shape(monkeypatch):
     both = [library()[name] for name in ("timing.clock_scale", "detector.gain_temperature")]
     found = diagnose(array_in_chamber(3, two), effects=both)[0].findings
     assert {f.effect for f in found} == {"detector.gain_temperature", "unknown"}
+
+
+@pytest.mark.parametrize(("strengths", "in_all"), [((1.4, 0.5, 1.1), True), ((1.6, 0.0, 1.4), False)])
+def test_units_may_have_more_or_less_of_an_effect_but_each_has_it(strengths, in_all):
+    """Grams of water differ from housing to housing; what only two of three do is not what the name says of all."""
+    rng = np.random.default_rng(11)
+    unit, change = np.repeat(np.arange(3.0), 300), rng.normal(0.0, 1.0, 900)
+    left = (np.repeat(strengths, 300) - 1.0) * change + rng.normal(size=900)
+    assert acts_in_all(unit, change**2, change * left) == in_all

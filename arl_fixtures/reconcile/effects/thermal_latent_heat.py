@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import product
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effect import Effect, Option, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, is_of, shape
 from arl_fixtures.reconcile.effects_history import History, history, low_pass, on_rows, rate
 from arl_fixtures.reconcile.roles import Role
@@ -19,6 +20,7 @@ class LatentHeat(Effect):
     T_drive = T_sim + τ dT_sim/dt is what drives the simulated node; `latent` is the latent heat over the node's heat
     capacity. Water on a plate holds the nodes on it too: they follow its deviation within `follow`. Where the
     simulation of the nodes was given the plate as it was recorded, they have the plateau already (option `alone`).
+    Water that touches the node through a `film` gives and takes (melting_point − T) / film instead of holding it.
     """
 
     id = "thermal.latent_heat"
@@ -35,25 +37,22 @@ class LatentHeat(Effect):
                 continue
             duration = record.interval * record.values.shape[1]
             carried = _carried(view, channel.name)
-            for others in ((), carried) if carried else ((),):
+            film = shape("film", record.unit, record.interval, duration, 0.01 * duration, 0.1 * duration)
+            for others, through in product(((), carried) if carried else ((),), ((), (film,))):
                 follow = (
                     (shape("follow", record.unit, 0.2 * record.interval, 0.1 * duration, 40.0),) if others else ()
                 )
+                options: dict[str, Option] = {"alone": True} if carried and not others else {}
+                tau = (record.interval, 0.3 * duration, 0.005 * duration, 0.05 * duration)
                 yield Variant(
                     effect=self.id,
-                    options={"channel": channel.name, **({"alone": True} if carried and not others else {})},
+                    options={"channel": channel.name, **options, **({"through": "film"} if through else {})},
                     parameters=(
                         amplitude("latent", "K", 0.0, 200.0, 2.0),
-                        shape(
-                            "time_constant",
-                            record.unit,
-                            record.interval,
-                            0.3 * duration,
-                            0.005 * duration,
-                            0.05 * duration,
-                        ),
+                        shape("time_constant", record.unit, *tau),
                         shape("melting_point", "°C", -4.0, 4.0, 0.0),
                         *follow,
+                        *through,
                     ),
                     channels=(channel.name, *others),
                     drivers=(f"sim_{channel.name}", "time_s" if view.varies("time_s") else "step"),
@@ -66,7 +65,7 @@ class LatentHeat(Effect):
         if record is None or float(values["latent"]) == 0.0:
             return
         tau, point, latent = (float(values[key]) for key in ("time_constant", "melting_point", "latent"))
-        held = _plateau(record, tau, point, latent)
+        held = _plateau(record, tau, point, latent, float(values.get("film", 0.0)))
         deviation = held - _plateau(record, tau, point, 0.0)
         state[name] = state[name] + on_rows(view, deviation)
         if "follow" in values:
@@ -82,6 +81,11 @@ class LatentHeat(Effect):
     def expression(self, variant: Variant) -> str:
         """The law."""
         name = variant.options["channel"]
+        if "through" in variant.options:
+            return (
+                f"d{name}/dt = dsim_{name}/dt + (sim_{name} - {name}) / time_constant + (melting_point - {name}) / "
+                "film while 0 to latent K of water are molten"
+            )
         return (
             f"time_constant * dH/dt = sim_{name} + time_constant * dsim_{name}/dt - {name}; {name} = H below "
             "melting_point, melting_point while latent melts, H - latent above"
@@ -107,14 +111,17 @@ def _carried(view: View, channel: str) -> tuple[str, ...]:
     return tuple(name for name in others if name != channel and not is_of(name, "coolant", "ambient", "chamber"))
 
 
-def _plateau(record: History, tau: float, point: float, latent: float) -> FloatArray:
+def _plateau(record: History, tau: float, point: float, latent: float, film: float = 0.0) -> FloatArray:
     """Temperature of the node with `latent` kelvin to melt at `point`; implicit, so stable at any step."""
     drive = record.values + tau * rate(record)
     gain = 1.0 - float(np.exp(-record.interval / tau))
     pushed = 0.5 * (drive[:, :-1] + drive[:, 1:])
     result = np.empty_like(record.values)
     for row, (now, pushes) in enumerate(zip(record.values[:, 0].tolist(), pushed.tolist(), strict=True)):
-        result[row] = _melted(now, pushes, gain, point, latent)
+        if film > 0.0:
+            result[row] = _wetted(now, pushes, gain, point, latent, record.interval / film)
+        else:
+            result[row] = _melted(now, pushes, gain, point, latent)
     return result
 
 
@@ -127,5 +134,19 @@ def _melted(now: float, pushes: list[float], gain: float, point: float, latent: 
         now = heat if heat < point else heat - latent
         if heat >= point > now:
             now = point
+        held.append(now)
+    return held
+
+
+def _wetted(now: float, pushes: list[float], gain: float, point: float, latent: float, share: float) -> list[float]:
+    """The same where the water lies behind a film, through which a share of the difference passes in an interval."""
+    molten = latent if now > point else 0.0
+    share = share / (1.0 + share)  # implicit
+    held = [now]
+    for push in pushes:
+        now += gain * (push - now)
+        before = molten
+        molten = min(max(molten + share * (now - point), 0.0), latent)
+        now -= molten - before
         held.append(now)
     return held

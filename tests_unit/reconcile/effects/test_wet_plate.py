@@ -83,3 +83,38 @@ def test_a_plate_of_any_name_drives_a_device_only_where_its_own_temperature_is_u
     assert len(temperature_drivers(View(make_columns(dict(numbers), {})[0]))) == 2
     with_own = {**numbers, "temperature_board_c": coolant_at(TIME) + 3.0}
     assert temperature_drivers(View(make_columns(with_own, {})[0])) == ("temperature_board_c",)
+
+
+def test_water_behind_a_film_takes_its_heat_slowly():
+    """A sheet of water with a mass and a temperature of its own, 250 s from the plate, marched by an integrator."""
+
+    def molten(heat):
+        return np.clip(heat, 0.0, 6.0)
+
+    def balance(moment, state):
+        plate, heat = state
+        sheet = heat - molten(heat)  # K beyond what melts, for a sheet of a tenth of the plate's heat
+        flow = (plate - 10.0 * sheet) / 250.0
+        return [(coolant_at(moment) - plate) / 180.0 - flow, flow]
+
+    def march(start):
+        return solve_ivp(balance, (0.0, TIME[-1]), start, t_eval=TIME, rtol=1e-8, atol=1e-8, max_step=5.0).y[0]
+
+    numbers = {
+        "time_s": TIME, "coolant_temperature_c": coolant_at(TIME), "sim_plate_temperature_c": bench(0.0)[0],
+        "plate_temperature_c": march([-12.0, -1.2]),
+    }  # fmt: skip
+    view = View(make_columns(numbers, {}, shuffle=3)[0])
+    shares = []
+    for through, shapes in ((None, {}), ("film", {"film": 270.0})):
+        variant = variant_of(view, "thermal.latent_heat", through=through)
+        left = [
+            left_over(
+                view, corrected(view, variant, latent=latent, time_constant=180.0, melting_point=0.0, **shapes),
+                "plate_temperature_c",
+            )
+            for latent in np.arange(1.0, 9.0)
+        ]  # fmt: skip
+        shares.append(min(left))
+    assert shares[1] < 0.15
+    assert shares[1] < 0.5 * shares[0]
