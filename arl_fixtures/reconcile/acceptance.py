@@ -9,8 +9,8 @@ import numpy as np
 
 from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.problem import Problem
-from arl_fixtures.reconcile.roles import PIXEL_COLUMNS, Role
-from arl_fixtures.reconcile.screen import FEW_AMPLITUDES, Candidate, is_search
+from arl_fixtures.reconcile.roles import PIXEL_COLUMNS, Role, told_by
+from arl_fixtures.reconcile.screen import FEW_AMPLITUDES, Candidate, Surcharge
 from arl_fixtures.reconcile.step_means import act_apart
 from arl_fixtures.reconcile.terms import Term, forward
 
@@ -28,6 +28,8 @@ CELLS, FEWEST_IN_CELL = 12, 4
 OWN_SHARE, OWN_GAIN = 0.2, 6.0
 """Share of a further effect's gain that must lie within cells of an earlier one's drivers, and how much: of a change
 that grows from none with a driver of its own more than half is the same in all cells."""
+UNDONE = 1.0 / 3.0
+"""Share of the squares of two effects of the same drivers that both together must keep: nobody saw what they undo."""
 LEAST_SCATTER = 0.03
 """Relative excess of scatter below which rounding and the noise law's own accuracy explain it."""
 _SMALLEST = 1e-300
@@ -58,14 +60,15 @@ class Ranked:
     alone: bool = False
 
 
-def evidence(ranked: Ranked, surcharge: float) -> float:
+def evidence(ranked: Ranked, surcharge: Surcharge) -> float:
     """What counts against the threshold: the gain over no mismatch, and enough over a mere pattern of pixels.
 
     The threshold is the largest gain that chance gives to as many amplitudes, so the first effect on a channel
     pays no price for them again, up to half of what it gains; and so does one that tells steps apart where those
     before it act within them, or the reverse: it is the first of its kind. Any other further one does, and more: it
     may live on what the first one's law does not quite say. As a picture over the pixels it must gain all of the
-    threshold beside their free pattern. A search along a shape pays for its many looks.
+    threshold beside their free pattern. A search along a shape pays for its many looks, and
+    so does what acts in one unit of several.
     """
     variant = ranked.candidate.term.variant
     amplitudes = min(sum(not p.per for p in variant.amplitudes()), FEW_AMPLITUDES)
@@ -77,7 +80,7 @@ def evidence(ranked: Ranked, surcharge: float) -> float:
     else:
         alike = any(_columns(term) & _columns(ranked.fit.terms[-1]) for term in before)
         sure -= FURTHER if alike else FURTHER_APART
-    return sure - (surcharge if is_search(variant) else 0.0)
+    return sure - surcharge.of(ranked.fit.terms[-1])
 
 
 def is_as_good(ranked: Ranked, best: Ranked) -> bool:
@@ -139,9 +142,10 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
     """Whether a further effect only mends the shape of one that is already there.
 
     No operator is exact. What it leaves has its own drivers and channels, and is small against what it explains.
+    Two laws of the same drivers that undo each other draw a curve by their difference: neither is seen.
     """
     new = ranked.fit.terms[-1]
-    if _mends_side_effects(problem, ranked):
+    if _mends_side_effects(problem, ranked) or _undoes(problem, ranked):
         return True
     for index, term in enumerate(base.terms):
         if not set(term.variant.channels) & set(new.variant.channels) or _is_side(term, new):
@@ -163,6 +167,22 @@ def _is_side(term: Term, new: Term) -> bool:
     return all(name.endswith("_std") for name in new.variant.channels) and not all(
         name.endswith("_std") for name in term.variant.channels
     )
+
+
+def _undoes(problem: Problem, ranked: Ranked) -> bool:
+    """Whether a further effect and one of the same drivers take back most of what the other does."""
+    terms = ranked.fit.terms
+    for index, term in enumerate(terms[:-1]):
+        if _columns(term) != _columns(terms[-1]) or not set(term.variant.channels) & set(terms[-1].variant.channels):
+            continue
+        alone = [
+            problem.whiten_change(forward([t for t in terms if t is not other], problem.view), ranked.fit.state)
+            for other in (terms[index], terms[-1])
+        ]
+        both = alone[0] + alone[1]
+        if float(both @ both) < UNDONE * sum(float(change @ change) for change in alone):
+            return True
+    return False
 
 
 def _mends_side_effects(problem: Problem, ranked: Ranked) -> bool:
@@ -199,8 +219,8 @@ def _mends_side_effects(problem: Problem, ranked: Ranked) -> bool:
 
 
 def _columns(term: Term) -> set[str]:
-    """Drivers, a measured column and its simulation counted as one."""
-    return {name.removeprefix("sim_") for name in term.variant.drivers}
+    """What drives an effect."""
+    return {told_by(name) for name in term.variant.drivers}
 
 
 def _has_own_driver(problem: Problem, ranked: Ranked, term: Term) -> bool:

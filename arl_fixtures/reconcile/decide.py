@@ -177,7 +177,9 @@ class Decision:
         return is_structure(self.after[d.channel.name]) or not acts_within_steps(self.problem, d, self.terms)
 
     def _leaves_others(self, d: ChannelData, acting: Sequence[Term]) -> bool:
-        """Whether what names leave of a channel has another cause for sure."""
+        """Whether what names leave of a channel has another cause for sure: nothing that is left has none."""
+        if not is_structure(self.after[d.channel.name]):
+            return False
         rows, left = self.found.looker.rows_of(d), self.after[d.channel.name].ceiling.prediction
         return leaves_other_rows(self.problem, d, acting, rows, left)
 

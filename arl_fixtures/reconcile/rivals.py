@@ -12,7 +12,7 @@ from arl_fixtures.reconcile.locate import locate
 from arl_fixtures.reconcile.patterns import Pattern
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import ChannelData, Problem
-from arl_fixtures.reconcile.roles import FIELD_COLUMNS, PIXEL_COLUMNS, Role
+from arl_fixtures.reconcile.roles import FIELD_COLUMNS, PIXEL_COLUMNS, Role, told_by
 from arl_fixtures.reconcile.terms import Term, forward
 
 BEATEN_BY, BEATEN_SHARE = 12.0, 0.05
@@ -25,8 +25,7 @@ MIXED_SHARE = 2.0
 """The share for a law of neighbouring rows where the name mixes rows with their neighbours: it says the same."""
 _MEDIAN_OF_SQUARE = 0.4549  # of a standard normal deviate
 _PLACES = {
-    *PIXEL_COLUMNS, *FIELD_COLUMNS, "stage_angle_deg", "surface", "reflectance", "true_range_m", "incidence_deg",
-    "distance_m", "distance_mm",
+    *PIXEL_COLUMNS, *FIELD_COLUMNS, "stage_angle_deg", "surface", "reflectance", "distance", "incidence_deg",
 }  # fmt: skip
 """What tells where in a scene a row looks: by these an edge is found that something moves."""
 ACTS_ON, ACTS_AT_MOST, LEFT_THERE = 0.99, 0.3, 0.9
@@ -109,8 +108,8 @@ def needed_by_law(
 
 
 def _kind_of(column: str) -> str:
-    """A column with its simulation, and all temperatures, counted as one."""
-    return "temperature_c" if column.endswith("temperature_c") else column.removeprefix("sim_")
+    """What a column tells of, all temperatures counted as one."""
+    return "temperature_c" if column.endswith("temperature_c") else told_by(column)
 
 
 def share_beside(problem: Problem, terms: Sequence[Term], term: Term) -> float:

@@ -81,6 +81,17 @@ def role_of(name: str, channels: frozenset[str] | set[str] = frozenset()) -> Rol
     return Role.OTHER
 
 
+def told_by(column: str) -> str:
+    """What a driver tells of: a column and its simulation tell the same, and so do a range and a distance.
+
+    >>> [told_by(name) for name in ("sim_distance_mm", "true_range_m", "sim_lens_temperature_c", "distance_stop")]
+    ['distance', 'distance', 'lens_temperature_c', 'distance_stop']
+    """
+    bare = column.removeprefix("sim_")
+    is_distance = bare.startswith(("distance_", "true_range_")) and role_of(bare) is Role.DISTANCE
+    return "distance" if is_distance else bare
+
+
 def counts_visits(name: str) -> bool:
     """Whether a column seems to number what a bench did one after the other: a name without unit.
 

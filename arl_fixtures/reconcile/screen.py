@@ -47,6 +47,18 @@ LEAST_GAIN = 4.0
 """Log-likelihood that any name must gain."""
 
 
+@dataclass(frozen=True, slots=True)
+class Surcharge:
+    """What must be gained beyond the threshold for looking more often: along a shape, or at each unit alone."""
+
+    search: float = 0.0
+    alone: float = 0.0
+
+    def of(self, term: Term) -> float:
+        """What a term must pay."""
+        return (self.search if is_search(term.variant) else 0.0) + (self.alone if term.unit else 0.0)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Screening:
     """Candidates, best first, and what chance alone would give.
@@ -55,15 +67,21 @@ class Screening:
         candidates: one per variant, restriction and effect.
         chance: sorted draws of the largest gain on data without mismatch.
         wide: the same of variants that search along a shape (a period): their many looks are theirs to pay.
+        alone: the same of what acts in one unit alone, which as many looks are as there are units.
     """
 
     candidates: tuple[Candidate, ...]
     chance: FloatArray
     wide: FloatArray
+    alone: FloatArray
 
-    def surcharge(self, level: float) -> float:
-        """What a search along a shape must gain beyond the threshold of the other effects."""
-        return max(gumbel_quantile(self.wide, level) - self.threshold(level), 0.0) if np.any(self.wide > 0) else 0.0
+    def surcharge(self, level: float) -> Surcharge:
+        """What a search along a shape and what acts in one unit must gain beyond the other effects' threshold."""
+        beyond = [
+            max(gumbel_quantile(draws, level) - self.threshold(level), 0.0) if np.any(draws > 0) else 0.0
+            for draws in (self.wide, self.alone)
+        ]
+        return Surcharge(*beyond)
 
     def threshold(self, level: float) -> float:
         """Gain that the best candidate exceeds by chance with probability 1 − level (Gumbel tail of the draws).
@@ -189,8 +207,8 @@ def screen(
         if with_chance
         else None
     )
-    by_unit, at_once = _UnitSums(residual, unit), _UnitSums(residual, np.zeros_like(unit))
-    best_by_chance, best_by_search = np.zeros(DRAWS), np.zeros(DRAWS)
+    by_unit, at_once = _UnitSums(residual, unit, noise), _UnitSums(residual, np.zeros_like(unit), noise)
+    best_by_chance, best_by_search, best_alone = np.zeros(DRAWS), np.zeros(DRAWS), np.zeros(DRAWS)
     found: list[Candidate] = []
     for effect, variant in variants:
         if variant.label in taken and not effect.several:
@@ -202,7 +220,8 @@ def screen(
         for shapes in starts_of(variant):
             term = Term(effect=effect, variant=variant, values={**default_values(variant), **shapes})
             tangents = tangents_of(problem, others, base, term)
-            grams, scores = by_unit(tangents) if alone else at_once(tangents)
+            sums = by_unit if alone else at_once
+            grams, scores = sums(tangents)
             whole = np.sum(grams, axis=0)
             if not np.any(np.diag(whole) > 1e-6):
                 continue
@@ -218,8 +237,12 @@ def screen(
                     )
                     best[label] = Candidate(term=placed, gain=gain, free=len(term.free()))
             if noise is not None:
+                drawn = sums.by_chance(tangents)
                 largest = best_by_search if is_search(variant) else best_by_chance
-                np.maximum(largest, _chance(tangents, whole, noise) - handicap_of(variant), out=largest)
+                np.maximum(largest, _chance(np.sum(drawn, axis=0), whole) - handicap_of(variant), out=largest)
+                if alone and not is_search(variant):
+                    for gram, score in zip(grams, drawn, strict=True):
+                        np.maximum(best_alone, _chance(score, gram) - handicap_of(variant), out=best_alone)
         if variant.rough:
             places = (unit, labels, column) if alone else (np.zeros_like(unit), ("",), "")
             with undiminished(problem):
@@ -227,7 +250,10 @@ def screen(
                 best = _rough(problem, others, base, whole, effect, variant, best, places, noise, best_by_chance)
         found.extend(best.values())
     found.sort(key=lambda c: (-c.gain, c.term.label))
-    return Screening(candidates=tuple(found), chance=np.sort(best_by_chance), wide=np.sort(best_by_search))
+    return Screening(
+        candidates=tuple(found), chance=np.sort(best_by_chance), wide=np.sort(best_by_search),
+        alone=np.sort(best_alone),
+    )  # fmt: skip
 
 
 def _rough(
@@ -278,12 +304,13 @@ def unit_labels(problem: Problem) -> tuple[str, tuple[str, ...]]:
 
 
 class _UnitSums:
-    """Products of tangents with each other and with the residual, summed over each unit's rows."""
+    """Products of tangents with each other, with the residual and with draws of noise, over each unit's rows."""
 
-    def __init__(self, residual: FloatArray, unit: IntArray) -> None:
+    def __init__(self, residual: FloatArray, unit: IntArray, noise: NDArray[np.float32] | None = None) -> None:
         order = np.argsort(unit, kind="stable")
         self._order = None if np.array_equal(order, np.arange(len(order))) else order
         self._residual = residual if self._order is None else residual[order]
+        self._noise = noise  # any order of its rows is as good a draw
         ends = np.cumsum(np.bincount(unit))
         self._parts = [slice(start, end) for start, end in itertools.pairwise([0, *ends.tolist()])]
 
@@ -292,6 +319,13 @@ class _UnitSums:
         rows = tangents if self._order is None else tangents[:, self._order]
         parts = [(rows[:, part], self._residual[part]) for part in self._parts]
         return [own @ own.T for own, _ in parts], [own @ residual for own, residual in parts]
+
+    def by_chance(self, tangents: FloatArray) -> list[FloatArray]:
+        """Scores of each unit on each draw of noise, shape (draws, amplitudes)."""
+        if self._noise is None:
+            return []
+        rows = (tangents if self._order is None else tangents[:, self._order]).T.astype(np.float32)
+        return [np.asarray(self._noise[:, part] @ rows[part], dtype=np.float64) for part in self._parts]
 
 
 def _choices(
@@ -332,11 +366,12 @@ def solve_amplitudes(gram: FloatArray, score: FloatArray, variant: Variant) -> t
     return result, max(gain, 0.0)
 
 
-def _chance(tangents: FloatArray, gram: FloatArray, noise: NDArray[np.float32]) -> FloatArray:
+def _chance(scores: FloatArray, gram: FloatArray) -> FloatArray:
+    """Log-likelihood that amplitudes gain on draws of noise with these scores."""
     good = np.diag(gram) > 1e-9
     if not good.any():
-        return np.zeros(len(noise))
-    scores = np.asarray(noise @ tangents[good].T.astype(np.float32), dtype=np.float64)
+        return np.zeros(len(scores))
+    scores = scores[:, good]
     block = gram[np.ix_(good, good)]
     block = block + np.eye(len(block)) * 1e-9 * np.trace(block)
     return np.asarray(0.5 * np.einsum("dk,kd->d", scores, np.linalg.solve(block, scores.T)))

@@ -35,7 +35,7 @@ from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import ChannelData, Problem, carry_gains
 from arl_fixtures.reconcile.robust import robust_gain
 from arl_fixtures.reconcile.sampling import draw_rows
-from arl_fixtures.reconcile.screen import Candidate, Screening, all_variants, screen
+from arl_fixtures.reconcile.screen import Candidate, Screening, Surcharge, all_variants, screen
 from arl_fixtures.reconcile.settling import gains_of, settle, shortlist
 from arl_fixtures.reconcile.terms import Term, forward
 
@@ -115,7 +115,7 @@ class Search:
         self.small = self._small()
         self.variants = all_variants(self.small, effects, self.failed)
         self.gains: dict[int, float] = {}
-        self.surcharge = 0.0
+        self.surcharge = Surcharge()
 
     def _small(self) -> Problem:
         if self.full.view.n <= 1.4 * SMALL_ROWS:

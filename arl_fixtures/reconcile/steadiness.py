@@ -15,6 +15,7 @@ import numpy as np
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.noise import fit_tau
 from arl_fixtures.reconcile.pilot import Looker
+from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.terms import Term, forward
 
@@ -22,6 +23,8 @@ BINS = 12
 UNSTEADY, UNSTEADY_EXACT = 0.3, 0.15
 """Standard deviation of a name's factor between bins, each counting by what the name changes there, from which it is
 not that effect: shapes differ by less, and those of plain numbers not at all."""
+OF_PLACES = 0.5
+"""Share of a column's variance between what pixels see from which it tells of that rather than of conditions."""
 UNSTEADY_GAIN = 6.0
 """Log-likelihood of such a scatter: among some twenty columns that tell something of their own, chance gives it once
 in two hundred names."""
@@ -32,11 +35,13 @@ LEAST_IN_UNIT, LEAST_POWER = 0.25, 0.02
 def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
     """Whether the strength of one of the terms moves by much with a column.
 
-    What displaces rays is left out: at edges its change is as rough as its errors are.
+    What displaces rays is left out: at edges its change is as rough as its errors are. What mixes a pixel with its
+    neighbours is as rough, but the same whenever the pixel sees the same: it is asked for what changes meanwhile.
     """
-    if term.variant.rough or term.effect.displaces:
+    if term.variant.rough or (term.effect.displaces and not term.effect.mixes):
         return False
     problem = looker.problem
+    place = _places(problem) if term.effect.displaces else None
     full, rest = forward(terms, problem.view), forward([t for t in terms if t is not term], problem.view)
     acting = [
         d for d in problem.data
@@ -48,10 +53,12 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
     power = np.concatenate([c * c for c in change])
     score = np.concatenate([c * d.whiten(d.residual(full)) for c, d in zip(change, acting, strict=True)])
     for name, values in looker.features.items():
-        place = np.concatenate([values[d.use] for d in acting])
-        tau, gain = factor_scatter(place, power, score)
+        if place is not None and _told_by(place, values) > OF_PLACES:
+            continue
+        here = np.concatenate([values[d.use] for d in acting])
+        tau, gain = factor_scatter(here, power, score)
         moving = gain > UNSTEADY_GAIN and tau > (UNSTEADY_EXACT if term.effect.exact else UNSTEADY)
-        if moving and not (name in problem.groups.unit_columns and acts_in_all(place, power, score)):
+        if moving and not (name in problem.groups.unit_columns and acts_in_all(here, power, score)):
             return True
     return False
 
@@ -62,6 +69,23 @@ def acts_in_all(unit: FloatArray, power: FloatArray, score: FloatArray) -> bool:
     total, pull = (np.bincount(code, x) for x in (power, score))
     there = total > LEAST_POWER * total.sum()
     return bool(np.all(1.0 + pull[there] / total[there] > LEAST_IN_UNIT))
+
+
+def _places(problem: Problem) -> IntArray:
+    """What each row sees: a pixel (of a device) for which the simulation says the same in all channels."""
+    simulated = [f"sim_{d.channel.name}" for d in problem.data if d.channel.role is not Role.SCATTER]
+    return problem.view.columns.group("dut", "pixel_u", "pixel_v", *simulated)[problem.view.rows]
+
+
+def _told_by(place: IntArray, values: FloatArray) -> float:
+    """Share of a column's variance that places hold; all of it where each is seen once."""
+    seen = np.isfinite(values)
+    code, x = np.unique(place[seen], return_inverse=True)[1], values[seen]
+    total = float(np.var(x)) if x.size else 0.0
+    if total <= 0.0:
+        return 1.0
+    mean = np.bincount(code, x) / np.maximum(np.bincount(code), 1)
+    return float(np.var(mean[code])) / total
 
 
 def factor_scatter(values: FloatArray, power: FloatArray, score: FloatArray) -> tuple[float, float]:

@@ -33,7 +33,7 @@ def left_in_steps(problem: Problem, d: ChannelData, terms: Sequence[Term], least
     taus = [d.fit_scatter(d.residual(s))[1]["step"] for s in (untouched, state)]
     size = float(np.median(level.scale))
     before, after = (size**2 * max(tau**2 - level.floor**2, 0.0) for tau in taus)
-    moved = d.expect * (state[name] - untouched[name])[d.use]
+    moved = d.scale * beside_constants(d, d.expect * (state[name] - untouched[name])[d.use] / d.scale)
     share = after / max(before, float(np.mean(moved**2)), 1e-300)
     return share if share > least and condition_of(problem, d, "step", state) else 0.0
 
@@ -42,6 +42,13 @@ def acts_within_steps(problem: Problem, d: ChannelData, terms: Sequence[Term]) -
     """Whether names change a channel within steps only: what steps differ by is then another matter."""
     moved = forward(terms, problem.view)[d.channel.name] - problem.view.sim[d.channel.name]
     return share_between(d, moved) < WITHIN_STEPS
+
+
+def beside_constants(d: ChannelData, change: FloatArray) -> FloatArray:
+    """A change on a channel's rows, in units of its scale, less what the calibration of each unit takes of it."""
+    if not d.calibrated:
+        return change
+    return change - (np.bincount(d.unit, change) / np.maximum(np.bincount(d.unit), 1))[d.unit]
 
 
 def share_between(d: ChannelData, change: FloatArray) -> float:
@@ -54,9 +61,7 @@ def share_between(d: ChannelData, change: FloatArray) -> float:
         change: of its corrected simulation, on the problem's rows.
     """
     level = next((level for level in d.levels if level.name == "step"), None)
-    moved = change[d.use] / d.scale
-    if d.calibrated:
-        moved = moved - (np.bincount(d.unit, moved) / np.maximum(np.bincount(d.unit), 1))[d.unit]
+    moved = beside_constants(d, change[d.use] / d.scale)
     total = float(np.mean(moved**2))
     if level is None or total <= 0.0:
         return float("nan")
