@@ -59,6 +59,36 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
     return result
 
 
+def zeros_of(decision: Decision, constants: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
+    """Zero of each unit's signal that the user's calibration fitted to a recording with an effect in it.
+
+    It is what the rows' mean leaves beside the findings and the gains in `constants`; left out where it is none.
+    """
+    problem, state = decision.problem, decision.final_state()
+    untouched = problem.view.fresh_state()
+    code, keys = unit_keys(problem.view, problem.groups.unit_columns)
+    result: dict[str, dict[str, float]] = {}
+    for d in problem.data:
+        name = d.channel.name
+        if not d.has_zero or np.array_equal(state[name], untouched[name], equal_nan=True):
+            continue
+        d.follow(state)
+        weight, gains = d.root_weight**2, constants.get(name, {})
+        found: dict[str, float] = {}
+        for unit in range(d.units):
+            rows = np.flatnonzero((d.unit == unit) & (weight > 0.0))
+            if not rows.size:
+                continue
+            key = keys[code[d.use[rows[0]]]]
+            left = d.residual(state)[rows] - d.scale[rows] * gains.get(key, 0.0)
+            zero, error = float(np.average(left, weights=weight[rows])), float(1.0 / np.sqrt(weight[rows].sum()))
+            if abs(zero) > CONSTANT_Z * error:
+                found[key] = zero
+        if found:
+            result[name] = found
+    return result
+
+
 def of_unseen(decision: Decision, constants: Mapping[str, Mapping[str, float]]) -> tuple[list[str], dict[str, float]]:
     """Units that a comparison has seen, and the gain or offset that another one is foretold to have.
 

@@ -98,6 +98,7 @@ class ModelFile(FileModel):
     effects: list[EffectFile] = Field(default_factory=list)
     unknown: list[LawFile] = Field(default_factory=list)
     calibration: dict[str, dict[str, float]] = Field(default_factory=dict)
+    zeros: dict[str, dict[str, float]] = Field(default_factory=dict)
     units_seen: list[str] = Field(default_factory=list)
     unseen_units: dict[str, float] = Field(default_factory=dict)
     relative: list[str] = Field(default_factory=list)
@@ -110,7 +111,7 @@ class ModelFile(FileModel):
 def model_of(
     diagnosis: Diagnosis, unit_columns: tuple[str, ...], relative: tuple[str, ...], gaps: tuple[float, float],
     ceilings: Mapping[str, float] | None = None, units: tuple[list[str], dict[str, float]] | None = None,
-    *, rays_derived: bool = False,
+    *, rays_derived: bool = False, zeros: Mapping[str, dict[str, float]] | None = None,
 ) -> ModelFile:  # fmt: skip
     """What to write for a diagnosis.
 
@@ -122,12 +123,14 @@ def model_of(
         ceilings: ends of channels' scales.
         units: those that were compared, and by channel the constant of others.
         rays_derived: whether the rays' directions were those of the nominal bench, which the table did not give.
+        zeros: of signals, by channel and unit, beside their gains.
     """
     return ModelFile(
         unit_columns=list(unit_columns),
         effects=[_effect_file(f.term) for f in diagnosis.findings if f.term is not None],
         unknown=[_law_file(f.law) for f in diagnosis.findings if f.law is not None],
         calibration=diagnosis.constants,
+        zeros=dict(zeros or {}),
         units_seen=units[0] if units else [],
         unseen_units=units[1] if units else {},
         relative=list(relative),
@@ -309,9 +312,14 @@ def corrected_state(model: ModelFile, terms: list[Term], view: View) -> State:
             state[law.channel] = state[law.channel] + law.correction({**features, **constant}, state[law.channel])
     for channel, constants in model.calibration.items():
         if channel in state:
-            values = _constants_on_rows(model, channel, constants, view)
+            others = model.unseen_units.get(channel, 0.0)
+            values = _constants_on_rows(model, constants, view, others)
             # as it was fitted: a gain of what the effects and laws make of the simulation
             state[channel] = state[channel] * (1.0 + values) if channel in model.relative else state[channel] + values
+    for channel, zeros in model.zeros.items():
+        if channel in state:
+            mean = float(np.mean(list(zeros.values())))
+            state[channel] = state[channel] + _constants_on_rows(model, zeros, view, mean)
     for channel, top in model.ceilings.items():
         if channel in state and state[channel] is not view.sim[channel]:
             state[channel] = under_ceiling(state[channel], view.sim[channel], top)
@@ -326,11 +334,11 @@ def _single(view: View, name: str) -> FloatArray:
     return np.array([*(category_id(label) for label in labels), np.nan])[codes]
 
 
-def _constants_on_rows(model: ModelFile, channel: str, constants: dict[str, float], view: View) -> FloatArray:
+def _constants_on_rows(model: ModelFile, constants: dict[str, float], view: View, others: float) -> FloatArray:
+    """Constant of each row's unit; of `others` where a unit was not compared."""
     if not model.unit_columns:
         return np.full(view.n, constants.get("", 0.0))
     code, keys = unit_keys(view, tuple(model.unit_columns))
-    others = model.unseen_units.get(channel, 0.0)
     values = [constants.get(key, 0.0 if key in model.units_seen else others) for key in keys]
     return np.asarray(np.array(values)[code])
 

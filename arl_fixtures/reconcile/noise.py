@@ -160,6 +160,26 @@ def _apply(step: _Step, z: FloatArray) -> FloatArray:
     return np.subtract(z, work, out=work)
 
 
+def less_constants(
+    residual: FloatArray, scale: FloatArray, weight: FloatArray, unit: IntArray, *, zero: bool
+) -> FloatArray:
+    """A residual less each unit's plain gain or offset in it.
+
+    Args:
+        residual, weight, unit: of each row; scale: what a constant of 1 changes in it.
+        zero: whether each unit has a zero of its own beside it: else a gain would stand in for it, and its rest pass
+            for a scatter of pixels.
+    """
+
+    def summed(x: FloatArray) -> FloatArray:
+        return np.asarray(np.bincount(unit, weight * x))
+
+    if zero:
+        total = np.maximum(summed(np.ones(len(residual))), 1e-300)
+        scale, residual = (x - (summed(x) / total)[unit] for x in (scale, residual))
+    return residual - scale * (summed(scale * residual) / np.maximum(summed(scale**2), 1e-300))[unit]
+
+
 def surprise(tau: float, floor: float, freedom: float) -> float:
     """Log-likelihood that a scatter loses because a study of so many degrees of freedom found the floor instead."""
     if freedom == 0.0 or tau <= floor or floor <= 0.0:

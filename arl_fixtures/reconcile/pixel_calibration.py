@@ -18,6 +18,8 @@ CLOSER, MUCH_CLOSER = 0.5, 0.25
 of 24 pixels is that small once in 20 000 tables. The same of few surfaces, which must agree the better."""
 TRIMMED = 0.1
 """Share of the pixels, those that agree least, that is left out: dead ones cannot be calibrated."""
+NIL = 1e-3
+"""Sum over its error that counts as nil: without a fit one table in 1250 has it."""
 _SMALLEST = 1e-300
 
 
@@ -56,6 +58,39 @@ def calibrated_by_surface(table: Columns, channel: str) -> bool:
         apart = _apart(table, channel, ("dut", "surface"), FEWEST_SURFACES, ROWS_OF_SURFACE) if surfaces else np.inf
         table.memo[key] = apart < MUCH_CLOSER
     return bool(table.memo[key])
+
+
+def zero_fitted(table: Columns, channel: str) -> bool:
+    """Whether a signal's zero was fitted to these very rows, of each device or of all together.
+
+    The sum of what differs from a simulation, each row by its stated weight, then is nil to the last digits, which no
+    other simulation's is: not one whose gain alone was fitted, whatever that fit's weights.
+
+    Args:
+        table: whole table.
+        channel: an intensity with the simulation's scatter.
+    """
+    key = ("zero fitted", channel)
+    if key not in table.memo:
+        table.memo[key] = not calibrated_by_pixel(table, channel) and _sums_to_nil(table, channel)
+    return bool(table.memo[key])
+
+
+def _sums_to_nil(table: Columns, channel: str) -> bool:
+    spread = table.numbers.get(f"sim_{channel}_std")
+    if spread is None:
+        return False
+    frames = np.maximum(np.nan_to_num(table.numbers.get("n_frames", np.ones(table.n)), nan=1.0), 1.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        off = (table.numbers[channel] - table.numbers[f"sim_{channel}"]) * frames / spread**2
+    good = np.isfinite(off)
+    for columns in ((), ("dut",)) if _has_devices(table) else ((),):
+        code = table.group(*columns)[good] if columns else np.zeros(int(good.sum()), dtype=np.int64)
+        total = np.bincount(code, off[good])
+        chance = np.sqrt(np.bincount(code, off[good] ** 2))
+        if len(total) and bool(np.all(np.abs(total) < NIL * chance)) and bool(np.all(chance > 0.0)):
+            return True
+    return False
 
 
 def _has_devices(table: Columns) -> bool:

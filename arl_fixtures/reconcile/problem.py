@@ -13,7 +13,7 @@ from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.estimated_noise import estimated_error, noise_quantities
 from arl_fixtures.reconcile.grouping import Groups, find_groups
 from arl_fixtures.reconcile.mixed_model import UnitConstants
-from arl_fixtures.reconcile.noise import Level, Whitener, fit_tau, surprise
+from arl_fixtures.reconcile.noise import Level, Whitener, fit_tau, less_constants, surprise
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.stated import shortfall, stated_error
 from arl_fixtures.reconcile.view import View
@@ -168,7 +168,7 @@ class ChannelData:
         A line of gain and zero that was fitted to a recording with the effect in it is off in both once the effect is
         taken away. The zero carries no evidence then; it is no larger than a few percent of the signal.
         """
-        if self.channel.role is not Role.INTENSITY or not self.calibrated or self._has_zero:
+        if self.channel.role is not Role.INTENSITY or not self.calibrated or self.has_zero:
             return
         size = ZERO_SHARE * float(np.median(self.scale))
         ones = np.ones(len(self.use))
@@ -176,7 +176,8 @@ class ChannelData:
         self.levels = (zero, *self.levels)
 
     @property
-    def _has_zero(self) -> bool:
+    def has_zero(self) -> bool:
+        """Whether each unit's signal has a zero of its own beside an effect."""
         return any(level.name == "unit" for level in self.levels)
 
     def part(self, rows: IntArray) -> ChannelData:
@@ -200,10 +201,8 @@ class ChannelData:
         uniform = self.channel.role is Role.SCATTER and self.tails == 1.0
         if self.calibrated or uniform:  # a noise that is larger everywhere does not scatter
             # plain means: constants that weigh by the present scatters would depend on where the estimate starts
-            weight = self.root_weight**2 * self.scale
-            top = np.bincount(self.unit, weight * residual, minlength=self.units)
-            bottom = np.bincount(self.unit, weight * self.scale, minlength=self.units)
-            centred = residual - self.scale * (top / np.maximum(bottom, 1e-300))[self.unit]
+            weight = self.root_weight**2
+            centred = less_constants(residual, self.scale, weight, self.unit, zero=self.has_zero)
             count = 1.0 if self._units_share else float(self.units)
         step = next((other for other in self.levels if other.name == "step"), None)
         if level.name == "frame" and step is not None:

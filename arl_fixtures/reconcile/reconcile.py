@@ -9,7 +9,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.columns import Columns
-from arl_fixtures.reconcile.constants import constants_of, of_unseen
+from arl_fixtures.reconcile.constants import constants_of, of_unseen, zeros_of
 from arl_fixtures.reconcile.decide import Decision
 from arl_fixtures.reconcile.diagnosis import ChannelFit, Diagnosis
 from arl_fixtures.reconcile.effect import Effect
@@ -55,6 +55,7 @@ def diagnose(
     model = model_of(
         diagnosis, found.problem.groups.unit_columns, relative, gaps, columns.ceilings,
         units=of_unseen(decision, constants), rays_derived=bool(columns.derived),
+        zeros=zeros_of(decision, constants) if findings else None,
     )  # fmt: skip
     return diagnosis, model, decision
 

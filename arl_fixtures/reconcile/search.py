@@ -32,6 +32,7 @@ from arl_fixtures.reconcile.effects_bench import is_zero_fitted
 from arl_fixtures.reconcile.fit import Fit, finish, fit, hold_back_edges
 from arl_fixtures.reconcile.grouping import find_groups, typical_gaps
 from arl_fixtures.reconcile.pilot import Looker, Structure
+from arl_fixtures.reconcile.pixel_calibration import zero_fitted
 from arl_fixtures.reconcile.problem import ChannelData, Problem, carry_gains
 from arl_fixtures.reconcile.robust import robust_gain
 from arl_fixtures.reconcile.sampling import draw_rows
@@ -159,7 +160,8 @@ class Search:
         for d in self.full.data:
             if best.state[d.channel.name] is not untouched[d.channel.name]:
                 moved = (best.state[d.channel.name] - untouched[d.channel.name])[d.use]
-                if is_zero_fitted(self.full.view) and np.std(moved) > np.abs(np.mean(moved)):
+                fitted = is_zero_fitted(self.full.view) or zero_fitted(self.columns, d.channel.name)
+                if fitted and np.std(moved) > np.abs(np.mean(moved)):
                     d.free_zero()  # unless what was named is a zero itself
                 d.follow(best.state)
                 self.looker.calibrate(d, best.state)
