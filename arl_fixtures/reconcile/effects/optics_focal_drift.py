@@ -10,10 +10,14 @@ from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_bench import is_sharp
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
+    above,
     amplitude,
+    distances,
     excess,
+    is_of,
     per_view,
     reference,
+    shape,
     span,
     temperature_drivers,
 )
@@ -25,17 +29,22 @@ from arl_fixtures.reconcile.view import View
 
 
 class FocalDrift(Effect):
-    """f = f0·(1 + drift·ΔT): a pixel's ray moves inwards as its offset from the axis shrinks, across a fixed beam."""
+    """f = f0·(1 + drift·ΔT): a pixel's ray moves inwards as its offset from the axis shrinks, across a fixed beam.
+
+    Of a single beam whose spot is triangulated, D = f0·base / offset of the spot: D /= 1 + drift·(T − nominal), since
+    nobody tells at which temperature f0 was measured. Beside a logged temperature of a timing chip ranges are timed.
+    """
 
     id = "optics.focal_drift"
     stage = Stage.OPTICS
     displaces = True
     source = "Elias, Eltner, Liebold, Maas, Sensors 20 (2020) 643: interior orientation over temperature"
-    confusable = ("beam.profile_change", "optics.defocus", "mount.tilt")
+    confusable = ("beam.profile_change", "optics.defocus", "mount.tilt", "timing.temperature_offset")
 
     def variants(self, view: View) -> Iterable[Variant]:
         """One per temperature near the optics."""
         if not view.varies("azimuth_deg") or scene(view) is None:
+            yield from _triangulated(self.id, view)
             return
         for column in temperature_drivers(view, "lens_temperature_c", "housing_temperature_c", limit=2):
             most = min(0.3 / span(view, column), 0.01)
@@ -49,7 +58,12 @@ class FocalDrift(Effect):
             )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
-        """Looks the scene up along the moved rays."""
+        """Looks the scene up along the moved rays; a triangulated distance by what the spot's offset means."""
+        if variant.options.get("kind") == "triangulated":
+            column, distance = str(variant.options["temperature"]), str(variant.options["channel"])
+            grown = 1.0 + float(values["drift"]) * above(view, column, float(values["nominal"]))
+            state[distance] = state[distance] / np.maximum(grown, 0.1)
+            return
         warm = float(values["drift"]) * excess(view, variant, str(variant.options["temperature"]))
         across, along = per_view(view, "field terms", lambda: _terms(view))
         turn, lift = -warm * across, -warm * along
@@ -59,6 +73,8 @@ class FocalDrift(Effect):
     def expression(self, variant: Variant) -> str:
         """The law."""
         column = variant.options["temperature"]
+        if variant.options.get("kind") == "triangulated":
+            return f"{variant.options['channel']} /= 1 + drift * ({column} - nominal)"
         return (
             f"a pixel at x looks where one at x / (1 + drift * ({column} - {variant.options['reference']})) looked, "
             "x from the optical axis"
@@ -67,6 +83,12 @@ class FocalDrift(Effect):
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Drift in ppm per kelvin, shift at the edge."""
         column = str(variant.options["temperature"])
+        if variant.options.get("kind") == "triangulated":
+            wide = 100.0 * float(values["drift"]) * span(view, column)
+            return (
+                f"The focal length drifts by {values['drift'] * 1e6:+.0f} ppm/K of {column}: triangulated distances "
+                f"by {-wide:+.3f} % over the table's temperatures."
+            )
         edge = float(np.nanmax(np.abs(azimuth(view)))) if view.n else 0.0
         moved = np.degrees(values["drift"] * span(view, column) * np.sin(np.radians(edge)) * np.cos(np.radians(edge)))
         return (
@@ -75,9 +97,45 @@ class FocalDrift(Effect):
             f"{moved:+.3f}° over the table's temperatures."
         )
 
+    def says_as_well(self, variant: Variant) -> tuple[str, ...]:
+        """A table does not say whether a single beam's range is triangulated or timed."""
+        return ("timing.temperature_offset",) if variant.options.get("kind") == "triangulated" else ()
+
     def next_experiment(self, variant: Variant) -> str:
         """What shows it."""
+        if variant.options.get("kind") == "triangulated":
+            return "Ask for the principle: a triangulated distance follows the focal length, a timed one the clock."
         return "Compare the camera matrix from the intrinsic targets at the coldest and the hottest step."
+
+
+_FURTHEST_K = 40.0
+"""Kelvins beyond the table's temperatures within which a focal length was measured."""
+
+
+def _triangulated(effect: str, view: View) -> Iterable[Variant]:
+    """One per distance, of a sensor without rays or pixels whose distances differ by more than their double."""
+    if any(map(view.varies, ("azimuth_deg", "elevation_deg", "pixel_u", "pixel_v"))):
+        return
+    if any(is_of(name, "tof", "fpga", "tdc") for name in view.temperatures()):
+        return
+    for distance in distances(view):
+        low, high = view.span(f"sim_{distance}")
+        if not (low > 0.0 and high > 2.0 * low):
+            continue
+        for column in temperature_drivers(view, "lens_temperature_c", "housing_temperature_c", limit=1):
+            cold, hot = view.span(column)
+            most = min(0.3 / span(view, column), 0.01)
+            first, last = cold - _FURTHEST_K, hot + _FURTHEST_K
+            yield Variant(
+                effect=effect,
+                options={"kind": "triangulated", "channel": distance, "temperature": column},
+                parameters=(
+                    amplitude("drift", "1/K", -most, most, 1e-4),
+                    shape("nominal", "°C", first, last, reference(view, column), cold, hot),
+                ),
+                channels=(distance,),
+                drivers=(column, f"sim_{distance}"),
+            )
 
 
 def _terms(view: View) -> tuple[FloatArray, FloatArray]:
