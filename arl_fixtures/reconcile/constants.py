@@ -44,15 +44,14 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
         sure = 1.0 if d.channel.name in lawful else NAMED_ERRORS
         values, errors = _shrunk(d, d.residual(state), sure) if acted else _plain(d, d.residual(state))
         if acted:
-            share = fitted_share(d, d.residual(untouched), errors)
-            values = share * _means(d, d.residual(state))[0] + (1.0 - share) * values
             reach = reach_of(d, d.residual(untouched) - d.residual(state))
+            share = fitted_share(d, d.residual(untouched), errors, reach)
+            values = share * _means(d, d.residual(state))[0] + (1.0 - share) * values
             values = np.where(np.abs(values) > CONSTANT_Z * errors, values, np.clip(values, -reach, reach))
         found: dict[str, float] = {}
         for unit in range(d.units):
             first = d.use[np.flatnonzero(d.unit == unit)[0]]
-            certain = abs(values[unit]) > (0.0 if acted else CONSTANT_Z * errors[unit])
-            if certain and np.isfinite(errors[unit]):
+            if abs(values[unit]) > (0.0 if acted else CONSTANT_Z * errors[unit]):
                 found[keys[code[first]]] = float(values[unit])
         if found:
             result[d.channel.name] = found
@@ -133,12 +132,20 @@ def reach_of(d: ChannelData, change: FloatArray) -> FloatArray:
     return np.asarray(np.max(np.abs(moved / np.maximum(power, 1e-300)).reshape(d.units, count), axis=1))
 
 
-def fitted_share(d: ChannelData, residual: FloatArray, errors: FloatArray) -> float:
-    """Probability that the simulation was calibrated on these rows, one half where its agreement tells nothing."""
+def fitted_share(d: ChannelData, residual: FloatArray, errors: FloatArray, reach: FloatArray) -> float:
+    """Probability that the simulation was calibrated on these rows, one half where its agreement tells nothing.
+
+    Args:
+        d: the channel; residual: of the untouched simulation.
+        errors: of the units' constants, infinite where a single step tells no scatter of steps.
+        reach: what the findings make of each unit's mean. Without a calibration it is in the mean as well, and a
+            single step's own error would have to cancel it: that much at least the mean then is by chance.
+    """
     means, alone = _means(d, residual)
-    told = np.isfinite(errors) & (errors > alone)
+    expected = np.where(np.isfinite(errors), errors, reach)
+    told = expected > alone
     fitted = FITTED_ERRORS * alone[told]
-    chance = np.hypot(errors[told], fitted)
+    chance = np.hypot(expected[told], fitted)
     odds = 0.5 * means[told] ** 2 * (1.0 / fitted**2 - 1.0 / chance**2) - np.log(chance / fitted)
     return float(expit(-np.sum(odds)))
 

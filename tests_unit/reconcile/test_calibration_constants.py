@@ -4,7 +4,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from arl_fixtures.reconcile.constants import fitted_share, reach_of
+from arl_fixtures.reconcile.constants import constants_of, fitted_share, reach_of
 from arl_fixtures.reconcile.findings import mean_square
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.reconcile import diagnose
@@ -93,7 +93,30 @@ def test_a_simulation_calibrated_on_these_rows_agrees_better_than_steps_let_it(f
     (channel,) = problem.data
     residual = channel.residual(problem.view.fresh_state())
     error = np.array([SHARED_M / np.sqrt(12.0)])
-    assert (fitted_share(channel, residual, error) > 0.7) == fitted_here
+    assert (fitted_share(channel, residual, error, np.zeros(1)) > 0.7) == fitted_here
+
+
+@pytest.mark.parametrize("refitted", [True, False])
+def test_a_single_step_tells_of_a_calibration_by_what_its_findings_make_of_the_mean(refitted):
+    """One step of a receiver behind a long-tailed pair (tanh): what is foretold is the recording, not its curve only.
+
+    A user who fits the gain on these rows takes the mean loss away, one who does not leaves it in.
+    """
+    rng = np.random.default_rng(15)
+    signal = rng.uniform(50.0, 2500.0, 900)
+    truth = 6000.0 * np.tanh(signal / 6000.0)
+    noise = 0.004 * signal
+    gain = float(np.sum(truth * signal / noise**2) / np.sum((signal / noise) ** 2)) if refitted else 1.0
+    table = columns_of(pa.table({
+        "step": np.zeros(900), "true_range_m": rng.uniform(0.5, 4.0, 900), "sim_intensity_counts": gain * signal,
+        "sim_intensity_counts_std": noise, "intensity_counts": truth + rng.normal(0.0, noise),
+    }))  # fmt: skip
+    _, _, decision = diagnose(table)
+    assert [t.effect.id for t in decision.terms] == ["detector.compression"]
+    corrected = decision.final_state()["intensity_counts"]
+    foretold = corrected * (1.0 + constants_of(decision).get("intensity_counts", {}).get("", 0.0))
+    left = np.mean(((foretold - truth) / noise) ** 2) / np.mean(((gain * signal - truth) / noise) ** 2)
+    assert left < 0.1
 
 
 def test_a_gain_of_what_is_corrected_is_no_misfit():
