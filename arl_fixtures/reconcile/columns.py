@@ -105,9 +105,29 @@ class Columns:
                 and "stage_angle_deg" in self.numbers
                 and (int(self.group("dut", "cycle", "step").max()) == int(self.group(*IMAGE_COLUMNS).max()) > 0)
             )
-            self.memo["sweep columns"] = ("dut", "cycle") if one else ("dut", "cycle", "step")
+            self.memo["sweep columns"] = ("dut", "cycle", "ramp") if one else ("dut", "cycle", "step")
         found: tuple[str, ...] = self.memo["sweep columns"]
         return found
+
+    @property
+    def ray_columns(self) -> tuple[str, ...]:
+        """Columns that tell a sensor's rays apart: its pixels, or the directions of a scanner that numbers none."""
+        pixels = {"pixel_u", "pixel_v"} & set(self.numbers)
+        return ("pixel_u", "pixel_v") if pixels else ("azimuth_deg", "elevation_deg")
+
+    @property
+    def sweep_order(self) -> FloatArray:
+        """What grows while the stage sweeps: time; without times its angle, or its angle the other way round.
+
+        Where single stops make up sweeps of both ramps, the stage went up in one and came back in the other.
+        """
+        times = self.numbers.get("time_s")
+        if times is not None and len(np.unique(times[np.isfinite(times)])) > 1:
+            return times
+        angle, ramp = self.numbers["stage_angle_deg"], self.numbers.get("ramp", np.zeros(self.n))
+        if "ramp" in self.sweep_columns and np.any(ramp < 0.0) and np.any(ramp > 0.0):
+            return np.where(ramp < 0.0, -angle, angle)
+        return angle
 
     def _find_image_columns(self) -> tuple[str, ...]:
         if not {"pixel_u", "pixel_v"} & set(self.numbers) or not self._repeat_pixels(IMAGE_COLUMNS):

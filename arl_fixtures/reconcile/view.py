@@ -218,23 +218,23 @@ class View:
         return (*own, "set_temperature_c", "ramp") if "step" in own else own
 
     def sweep_place(self, steps: int) -> IntArray:
-        """Whole-table row of the same pixel `steps` stage angles further, −1 where there is none."""
-        cell = self.columns.group(*self._sweep(), *_PIXEL)
+        """Whole-table row of the same ray `steps` stage angles further, −1 where there is none."""
+        cell = self.columns.group(*self._sweep(), *self.columns.ray_columns)
         order = self.columns.numbers["stage_angle_deg"]
         place = self.columns.following(("sweep", steps), cell, order, steps)[self.rows]
         return self._near(place, order, self.columns.sweep_gap_deg * abs(steps))
 
     def acquired_before(self, state: State, channel: str, *, frames: int = 1) -> FloatArray:
-        """Value of the same pixel `frames` stage positions *earlier in time* (`time_s`; by angle where absent)."""
+        """Value of the same ray `frames` stage positions *earlier in time* (see `Columns.sweep_order`)."""
         return self.take(state, channel, self.acquired_place(frames))
 
     def acquired_place(self, frames: int = 1) -> IntArray:
-        """Whole-table row of the same pixel `frames` stage positions earlier in time, −1 where there is none."""
-        cell = self.columns.group(*self.columns.sweep_columns, *_PIXEL)
-        name = "time_s" if self.varies("time_s") else "stage_angle_deg"
-        place = self.columns.following(("acquired", frames), cell, self.columns.numbers[name], -frames)[self.rows]
-        gap = self.columns.frame_gap_s if name == "time_s" else self.columns.sweep_gap_deg
-        return self._near(place, self.columns.numbers[name], gap * frames)
+        """Whole-table row of the same ray `frames` stage positions earlier in time, −1 where there is none."""
+        cell = self.columns.group(*self.columns.sweep_columns, *self.columns.ray_columns)
+        order = self.columns.sweep_order
+        place = self.columns.following(("acquired", frames), cell, order, -frames)[self.rows]
+        gap = self.columns.frame_gap_s if self.varies("time_s") else self.columns.sweep_gap_deg
+        return self._near(place, order, gap * frames)
 
     def _near(self, place: IntArray, order: FloatArray, gap: float) -> IntArray:
         """Places without those that lie farther away than neighbours do: a hole in the sweep is no neighbour."""

@@ -192,10 +192,10 @@ def _repeats(view: View) -> bool:
 
 
 def _stays(view: View) -> tuple[IntArray, IntArray, IntArray]:
-    """Rows of the whole table by time (by angle without times), their stay, and each stay's first row."""
+    """Rows of the whole table as the stage swept, their stay, and each stay's first row."""
     table = view.columns
     angle, cell = table.numbers["stage_angle_deg"], table.group(*table.sweep_columns)
-    order = np.lexsort((angle, table.numbers["time_s"] if view.varies("time_s") else angle, cell))
+    order = np.lexsort((angle, table.sweep_order, cell))
     fresh = np.ones(table.n, dtype=bool)
     fresh[1:] = (np.abs(np.diff(angle[order])) > _SAME_DEG) | (np.diff(cell[order]) != 0)
     return order, np.cumsum(fresh) - 1, order[fresh]
@@ -204,7 +204,7 @@ def _stays(view: View) -> tuple[IntArray, IntArray, IntArray]:
 def _between(view: View, first: IntArray) -> FloatArray:
     """From the stay before to each stay, in seconds, without times in degrees; infinite for the first of a step."""
     table = view.columns
-    time = table.numbers["time_s" if view.varies("time_s") else "stage_angle_deg"][first]
+    time = table.sweep_order[first]
     same = np.diff(table.group(*table.sweep_columns)[first]) == 0
     return np.concatenate([[np.inf], np.where(same, np.diff(time), np.inf)])
 
@@ -262,9 +262,9 @@ def _missing_before(view: View) -> FloatArray:
     """
 
     def make() -> FloatArray:
-        table, name = view.columns, "time_s" if view.varies("time_s") else "stage_angle_deg"
-        order, longest = table.numbers[name], table.frame_gap_s if name == "time_s" else table.sweep_gap_deg
-        cell = table.group(*table.sweep_columns, "pixel_u", "pixel_v")
+        table = view.columns
+        order, longest = table.sweep_order, table.frame_gap_s if view.varies("time_s") else table.sweep_gap_deg
+        cell = table.group(*table.sweep_columns, *table.ray_columns)
         place = table.following(("acquired", 1), cell, order, -1)[view.rows]
         far = np.where(place >= 0, np.abs(order[place] - order[view.rows]) * GAP_SHARE / longest, 0.0)
         steps = np.rint(far)  # of the usual size
