@@ -141,6 +141,25 @@ def point_elsewhere(
     _set_seen(view, state, _changes(view, turn, lift), *moves)
 
 
+def look_from(view: View, state: State, forward: FloatArray | float, right: FloatArray | float) -> bool:
+    """Let every row see the room from another place, where a scanner's table tells the planes about it.
+
+    Args:
+        view: rows under work; state: its signals and distances are replaced.
+        forward, right: of the ray's start along bearing 0 and 90 degrees, in the unit of the first distance.
+
+    Returns:
+        Whether the planes are known; where not, nothing has changed.
+    """
+    found = scene(view)
+    room = None if found is None else room_of(view, found.sign)
+    if room is None:
+        return False
+    level = np.broadcast_arrays(forward, right, np.zeros(view.n))
+    _set_seen(view, state, changes_in_room(view, room, 0.0, 0.0, np.stack(level, axis=1)), 0.0, 0.0)
+    return True
+
+
 def spread_rays(view: View, state: State, turn: FloatArray, lift: FloatArray) -> None:
     """Let every row see a Gaussian's neighbourhood of its ray, `turn` and `lift` its standard deviations in degrees.
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, signals
-from arl_fixtures.reconcile.effects_illumination import ray_column
+from arl_fixtures.reconcile.effects_illumination import illumination, ray_column
 from arl_fixtures.reconcile.roles import HALF_TURN_DEG
 from arl_fixtures.reconcile.view import View
 
@@ -30,6 +30,9 @@ _MOST_RINGS = 200
 _ROUNDS = 5
 _FLAT = 1e-3
 """Relative error of 1/range within which rays lie on one plane."""
+_FEWEST_ON_SURFACE, _SPREAD, _ONE_PLANE = 6, 0.03, 0.7
+"""Rays that a named surface must have, the least extent of their directions that tells how it lies, and the share of
+them that must lie on one plane."""
 _RIDGE = 1e-6
 _FARTHEST, _MOST_LOG = 2.0, 4.0
 """Factor by which a turned ray's range may change, and the logarithm of that of its light."""
@@ -41,9 +44,10 @@ class Room:
 
     Attributes:
         sign: +1 where a ray's bearing is azimuth + stage angle, −1 where it is azimuth − stage angle.
-        slopes: channel to a vector for every row of the whole table: of 1/range for distances, of ln(light) for
-            signals; to be multiplied with the ray's direction in the room.
+        slopes: distance to a vector for every row of the whole table, of 1/range; to be multiplied with the ray's
+            direction in the room.
         beyond: the same of the next plane that a ray would come to.
+        brighter: signal to how much more of the light the surface beyond sends back than the own one.
         fold: +1 where that plane comes in front beyond an edge (a corner of the room), −1 where the own one ends (a
             corner that stands out), 0 where there is none near.
     """
@@ -51,6 +55,7 @@ class Room:
     sign: float
     slopes: dict[str, FloatArray]
     beyond: dict[str, FloatArray]
+    brighter: dict[str, FloatArray]
     fold: FloatArray
 
 
@@ -60,26 +65,44 @@ def room_of(view: View, sign: float) -> Room | None:
 
 
 def changes_in_room(
-    view: View, room: Room, turn: FloatArray | float, lift: FloatArray | float
+    view: View,
+    room: Room,
+    turn: FloatArray | float,
+    lift: FloatArray | float,
+    shift: FloatArray | None = None,
 ) -> dict[str, FloatArray]:
-    """Ratio of each signal and difference of each distance for rays turned in azimuth and elevation, degrees."""
+    """Ratio of each signal and difference of each distance for other rays.
+
+    Args:
+        view: rows under work; room: of their table.
+        turn, lift: of the rays in azimuth and elevation, degrees.
+        shift: of where they start in the room, (n, 3) in the unit of the first distance: on a plane m the range from
+            there is (1 − m·shift) / m·d.
+
+    The light of a plane goes with cos(incidence) / range², which the plane tells: a signal's own slope over rays is
+    that of the sensor's profile as well, which turns with it.
+    """
     here = per_view(view, "room rays", lambda: _directions(view, room.sign)[view.rows])
     there = _directions(view, room.sign, turn=turn, lift=lift)
-    first = distances(view)[0]
-    fold = room.fold[view.rows]
-    over = np.sum((room.beyond[first] - room.slopes[first])[view.rows] * there, axis=1) * fold > 0.0
-    found = {}
-    for name, own in room.slopes.items():
-        slope = own[view.rows]
-        before = np.sum(slope * here, axis=1)
-        after = np.sum(np.where(over[:, None], room.beyond[name][view.rows], slope) * there, axis=1)
-        if name in distances(view):
-            with np.errstate(invalid="ignore", divide="ignore"):
-                ratio = before / after
+    found: dict[str, FloatArray] = {}
+    for name, slopes in room.slopes.items():
+        own, other = slopes[view.rows], room.beyond[name][view.rows]
+        apart = [1.0 if shift is None else 1.0 - np.sum(m * shift, axis=1) for m in (own, other)]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            facing, facing_other = np.sum(own * there, axis=1), np.sum(other * there, axis=1)
+            mine, theirs = facing / apart[0], facing_other / apart[1]
+            over = (theirs - mine) * room.fold[view.rows] > 0.0
+            before = np.sum(own * here, axis=1)
+            ratio = before / np.where(over, theirs, mine)
             ratio = np.where(np.isfinite(ratio), np.clip(ratio, 1.0 / _FARTHEST, _FARTHEST), 1.0)
-            found[name] = view.sim[name] * (ratio - 1.0)
-        else:
-            found[name] = np.exp(np.clip(np.nan_to_num(after - before), -_MOST_LOG, _MOST_LOG))
+            if not found:  # the light goes by the first distance
+                leaning = np.linalg.norm(own, axis=1) / np.linalg.norm(other, axis=1)
+                faced = np.where(over, leaning * facing_other, facing) / before
+                for signal, brighter in room.brighter.items():
+                    light = np.where(over, brighter[view.rows], 1.0) * faced / ratio**2
+                    low, high = np.exp(-_MOST_LOG), np.exp(_MOST_LOG)
+                    found[signal] = np.clip(np.where(np.isfinite(light), light, 1.0), low, high)
+        found[name] = view.sim[name] * (ratio - 1.0)
     return found
 
 
@@ -118,17 +141,33 @@ def _make(view: View, sign: float) -> Room | None:
     known[code[first]] = True
     slopes: dict[str, FloatArray] = {}
     beyond: dict[str, FloatArray] = {}
+    sent: dict[str, FloatArray] = {}
     rival, fold = np.arange(first.size), np.zeros(first.size)
-    for name in (*distances(view), *signals(view)):
-        values = table.numbers[f"sim_{name}"][first]
+    for name in distances(view):
         with np.errstate(invalid="ignore", divide="ignore"):
-            target = 1.0 / values if name in distances(view) else np.log(values)
-        slope = _slopes(direction, near, np.where(np.isfinite(target), target, np.nan), name in distances(view))
+            target = 1.0 / table.numbers[f"sim_{name}"][first]
+        target = np.where(np.isfinite(target), target, np.nan)
+        slope = _of_surfaces(view, first, direction, target, _slopes(direction, near, target))
         if not slopes:
             rival, fold = _edges(slope, direction, near)
+            sent = {signal: _sent_back(view, signal, first, slope, direction) for signal in signals(view)}
         for into, some in ((slopes, slope), (beyond, slope[rival])):
             into[name] = np.where(known[code][:, None], some[of_code[code]], 0.0)
-    return Room(sign, slopes, beyond, np.where(known[code], fold[of_code[code]], 0.0))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        brighter = {signal: (of_ray[rival] / of_ray)[of_code[code]] for signal, of_ray in sent.items()}
+    return Room(sign, slopes, beyond, brighter, np.where(known[code], fold[of_code[code]], 0.0))
+
+
+def _sent_back(view: View, signal: str, rows: IntArray, slope: FloatArray, direction: FloatArray) -> FloatArray:
+    """Simulated light of rays over their profile, cos(incidence) and 1/range²: what the surface sends back."""
+    light = view.columns.numbers[f"sim_{signal}"][rows]
+    profile = illumination(view, signal)
+    if profile is not None:
+        rays = (ray_column(view, name)[rows] for name in ("azimuth_deg", "elevation_deg"))
+        light = light / np.exp(profile.log(*rays))
+    inverse = np.sum(slope * direction, axis=1)  # cos(incidence) is this over the slope's length
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(light * np.linalg.norm(slope, axis=1) / inverse**3)
 
 
 def _looks_around(view: View) -> bool:
@@ -166,11 +205,11 @@ def _nearest(view: View, rows: IntArray, direction: FloatArray, device: IntArray
     return np.asarray(cKDTree(place).query(place, k=min(_NEIGHBOURS, rows.size))[1], dtype=np.int64)
 
 
-def _slopes(direction: FloatArray, near: IntArray, target: FloatArray, is_range: bool) -> FloatArray:
-    """The vector m of target = m·direction about every ray, from the neighbours that lie on the same surface."""
+def _slopes(direction: FloatArray, near: IntArray, target: FloatArray) -> FloatArray:
+    """The vector m of 1/range = m·direction about every ray, from the neighbours that lie on the same surface."""
     rays, values = direction[near], target[near]
     own = np.where(np.isfinite(target), target, 0.0)
-    size = np.maximum(np.abs(own), 1e-12) if is_range else np.ones(own.size)
+    size = np.maximum(np.abs(own), 1e-12)
     good = np.isfinite(values)
     off = np.where(good, values, own[:, None]) - own[:, None]
     lean = rays - direction[:, None, :]
@@ -187,7 +226,35 @@ def _slopes(direction: FloatArray, near: IntArray, target: FloatArray, is_range:
     across = np.sum(slope * direction, axis=1)
     whole = slope + (own - across)[:, None] * direction  # m·d is the own value, the rest of m the slope across
     flattest = _flattest(whole, rays, rest, own, size, near)
-    return np.asarray(whole[flattest] if is_range else whole)
+    return np.asarray(whole[flattest])
+
+
+def _of_surfaces(
+    view: View, rows: IntArray, direction: FloatArray, target: FloatArray, slope: FloatArray
+) -> FloatArray:
+    """Planes of rays, those of one named surface on one plane where it is one.
+
+    Two rays in a corner of the floor tell nothing of how it lies; those in the other corners do.
+    """
+    table = view.columns
+    if "surface" not in table.categories:
+        return slope
+    code = table.group("dut", "surface")[rows]
+    found = slope.copy()
+    for surface in np.unique(code):
+        of_it = np.flatnonzero((code == surface) & np.isfinite(target))
+        rays, values = direction[of_it], target[of_it]
+        if of_it.size < _FEWEST_ON_SURFACE or np.linalg.svd(rays, compute_uv=False)[-1] < _SPREAD:
+            continue
+        weight = 1.0 / np.maximum(np.abs(values), 1e-12)
+        left = np.zeros(of_it.size)
+        for _ in range(_ROUNDS):
+            root = weight / (1.0 + (left / _FLAT) ** 2)
+            plane = np.linalg.lstsq(rays * root[:, None], values * root, rcond=None)[0]
+            left = np.abs(rays @ plane - values) * weight
+        if np.mean(left < _FLAT) > _ONE_PLANE:
+            found[of_it[left < _FLAT]] = plane
+    return found
 
 
 def _flattest(

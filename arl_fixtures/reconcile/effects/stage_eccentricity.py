@@ -18,7 +18,7 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
 )
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation
-from arl_fixtures.reconcile.effects_pointing import point_elsewhere, scanned_channels, take_pose
+from arl_fixtures.reconcile.effects_pointing import look_from, point_elsewhere, scanned_channels, take_pose
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.roles import unit_of
@@ -60,6 +60,8 @@ class Eccentricity(Effect):
         """Moves the point of view."""
         forward, right = (float(values[name]) for name in _AXES)
         if take_pose(view, state, _pose(variant, view, forward, right)):
+            return
+        if look_from(view, state, *_in_the_room(variant, view, forward, right)):
             return
         cosine, sine = per_view(view, ("direction", variant.options["frame"]), lambda: _direction(view, variant))
         name = distances(view)[0]
@@ -113,6 +115,18 @@ def _pose(variant: Variant, view: View, forward: float, right: float) -> Pose:
     angle = np.radians(np.nan_to_num(view.number("stage_angle_deg")))
     c, s = np.cos(angle), np.sin(angle)
     return Pose(forward_m=forward * c + right * s, right_m=right * c - forward * s)
+
+
+def _in_the_room(
+    variant: Variant, view: View, forward: float, right: float
+) -> tuple[FloatArray | float, FloatArray | float]:
+    """A displacement along bearing 0 and 90 degrees: the sensor's own turns with the stage."""
+    found = scene(view)
+    if variant.options["frame"] == "bench" or found is None:
+        return forward, right
+    turned = found.sign * np.radians(np.nan_to_num(view.number("stage_angle_deg")))
+    c, s = np.cos(turned), np.sin(turned)
+    return forward * c - right * s, forward * s + right * c
 
 
 def _direction(view: View, variant: Variant) -> tuple[FloatArray, FloatArray]:
