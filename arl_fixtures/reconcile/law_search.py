@@ -63,9 +63,10 @@ LEAST_TAIL = -650.0
 """Logarithm of the least probability that is told from none."""
 LAW_GAIN = 9.0
 """Log-likelihood that a law must gain on unseen blocks where nothing else tells of a mismatch."""
-LIKELIER, LIKELIER_BESIDE = 4.0, 6.0
-"""Marginal likelihood of a whole law, less its price, that tells of a mismatch: one of 122 null tables exceeds 4 (a
-law on a scatter). Beside a name, whose shape is never quite right, more."""
+LIKELIER, LIKELIER_SHARED, LIKELIER_BESIDE = 4.0, 0.5, 6.0
+"""Marginal likelihood of a whole law, less its price, that tells of a mismatch. A law of what steps share needs next
+to none: its gain is already that of a test which knows how few they are. Of 122 null tables one exceeds these (a law
+on a scatter). Beside a name, whose shape is never quite right, more."""
 LEAST_Z, FEW_Z = 1.7, 1.5
 """Significance over blocks from which several say so; twice the likelihood where it is two blocks or three of a few
 (a single one comes to 1)."""
@@ -78,10 +79,13 @@ def is_law(chosen: Chosen, *, beside: bool = False) -> bool:
     """Whether a law by itself is evidence of a mismatch; `beside`: of one that a name in the channel leaves."""
     if not chosen.terms or chosen.held < LAW_GAIN:
         return False
-    strength = chosen.likelier / (LIKELIER_BESIDE if beside else LIKELIER)
-    if strength > WITHIN and not chosen.shared:
+    usual = LIKELIER_SHARED if chosen.shared else LIKELIER
+    least = LIKELIER_BESIDE if beside else usual
+    if not chosen.shared and chosen.likelier > WITHIN * least:
         return True
-    return strength > (1.0 if chosen.z > LEAST_Z else 2.0) and chosen.z > FEW_Z
+    if chosen.z > LEAST_Z:
+        return chosen.likelier > least
+    return chosen.z > FEW_Z and chosen.likelier > 2.0 * max(least, LIKELIER)
 
 
 def find_terms(work: Work, pool: Candidates, whole: Work | None = None) -> Chosen:
