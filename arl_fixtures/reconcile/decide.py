@@ -232,8 +232,16 @@ class Decision:
         if not acting or self._leaves_others(d, acting):
             return False
         # without the patterns: their pixels' values are read off the residual, where a law leaves them to chance
-        own = forward(self.best.terms, self.problem.view)
-        bare = forward([t for t in self.best.terms if t not in acting], self.problem.view)
+        if not self._outdone_by_law(d, acting, self.best.terms):
+            return False
+        beside = [p.term for p in self.patterns if d.channel.name in p.term.variant.channels]
+        # but a law that says of pixels what a pattern says better is no rival of what acts beside it
+        return not beside or self._outdone_by_law(d, acting, [*self.best.terms, *beside])
+
+    def _outdone_by_law(self, d: ChannelData, acting: Sequence[Term], terms: Sequence[Term]) -> bool:
+        """Whether a law in the place of the acting names, beside the other terms, does clearly better than they."""
+        own = forward(terms, self.problem.view)
+        bare = forward([t for t in terms if t not in acting], self.problem.view)
         place = locate(self.found.looker, d, bare)
         leading = [*(place.columns if place else []), *self._leading(d)]
         law, chosen = search_law(self.found.looker, d, bare, leading)

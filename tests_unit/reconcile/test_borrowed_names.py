@@ -159,3 +159,30 @@ def test_a_look_at_each_unit_alone_is_paid_for():
             exceeded[paid] += best > found.threshold(LEVEL_NAME)
     assert exceeded[True] <= 3
     assert exceeded[False] > exceeded[True] + 3
+
+
+def striped_line(seed):
+    """Sixty pixels before a striped board at sixteen temperatures: a sensor whose gain falls by 90 ppm/K.
+
+    A stripe's edge crosses three of the pixels, where the real lens is softer than the simulated one.
+    """
+    rng = np.random.default_rng(seed)
+    visit, u = (a.ravel() for a in np.meshgrid(np.arange(44), np.arange(60), indexing="ij"))
+    warm = np.resize([-15.0, 4.0, 23.0, 41.0, 60.0, 78.0, 66.0, 47.0, 28.0, 9.0, -9.0], 44)[visit]
+    bearing = (u - 29.5) / 0.6
+    light = 910.0 * np.cos(np.radians(bearing)) ** 2.4 * np.where((bearing + 8.0) // 14.0 % 2 == 0, 1.0, 0.55)
+    soft = np.ones(60)
+    soft[[8, 33, 50]] = 0.983, 0.982, 1.040
+    sigma = np.sqrt(25.0 + 0.3 * light)
+    measured = light * soft[u] * (1.0 - 9e-5 * (warm - 30.0)) * (1.0 + 1.5e-3 * rng.normal(size=44)[visit])
+    return {
+        "step": visit.astype(float), "tof_temperature_c": warm, "pixel_u": u.astype(float),
+        "azimuth_deg": bearing, "n_frames": np.full(u.size, 10.0), "sim_intensity_counts": light,
+        "sim_intensity_counts_std": sigma,
+        "intensity_counts": measured + sigma / np.sqrt(10.0) * rng.normal(size=u.size),
+    }  # fmt: skip
+
+
+def test_a_law_that_tells_pixels_apart_is_no_rival_of_a_gain_beside_their_pattern():
+    said = named(striped_line(1), "detector.gain_temperature", "detector.pixel_response")
+    assert sorted(said) == ["detector.gain_temperature", "detector.pixel_response"]
