@@ -112,7 +112,16 @@ def _cross_predicted(work: Work, vectors: FloatArray, precision: FloatArray, fol
 
 
 def holds_between(work: Work, chosen: Chosen, trial: Chosen) -> bool:
-    """Whether a wave also tells levels of its columns that took no part in the fit: between levels it may be any."""
+    """Whether a wave also tells levels of its columns that took no part in the fit: between levels it may be any.
+
+    And whether any term does no harm on images that follow one another and took no part, where blocks are parts of
+    images: terms that cancel one another in every image seen need not do so in the next.
+    """
+    images = work.image_fold
+    if images is not None:
+        before = _told(work, chosen.terms, images) if chosen.terms else 0.0
+        if _told(work, trial.terms, images) < before:
+            return False
     newest = trial.terms[-1].basis
     for column in newest.columns if newest.waves else ():
         fold = work.levels_of(column)

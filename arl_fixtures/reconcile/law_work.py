@@ -19,6 +19,8 @@ MOST_ROWS, ALL_ROWS = 6_000, 20_000
 """Rows on which candidates are ranked, and on which the best of them are judged and fitted."""
 LEAST_LEVELS, MOST_LEVELS, LEVEL_FOLDS = 5, 48, 4
 """Levels of a column from which, and into at most how many, it is parted; folds of them."""
+CROSSED = 2.0
+"""Blocks that an image must have rows in for blocks to be parts of images."""
 AT_ONCE = 64_000
 """Numbers that are whitened at once: few enough for the processor's cache."""
 LEAST_SEEN = 1e-3
@@ -75,6 +77,7 @@ class Work:
             (level.code for level in levels if level.name == "step"), np.zeros(len(pick), dtype=np.int64)
         )
         self.fold, self.block = data.fold[pick], np.unique(data.block[pick], return_inverse=True)[1]
+        self.image_fold = _image_folds(next((lv.code for lv in levels if lv.name == "frame"), None), self.block)
 
     def whiten(self, x: FloatArray) -> FloatArray:
         """Whitened vector without what a constant per unit explains."""
@@ -138,3 +141,15 @@ class Work:
             if self._units is not None:
                 z -= self._units.rows(self._units.sums(z) / self._power[:, None])
             part[:] = z.T
+
+
+def _image_folds(image: IntArray | None, block: IntArray) -> IntArray | None:
+    """Folds of images that follow one another, where blocks hold parts of every image out but no whole one."""
+    if image is None:
+        return None
+    images = np.unique(image, return_inverse=True)[1]
+    count = int(images.max()) + 1
+    pairs = len(np.unique(images * (int(block.max()) + 1) + block))
+    if count < LEAST_LEVELS or pairs < CROSSED * count:
+        return None
+    return np.asarray(images * LEVEL_FOLDS // count, dtype=np.int64)
