@@ -19,20 +19,22 @@ from arl_fixtures.reconcile.view import View
 MOST_BINS, LEAST_ROWS, LEAST_GROUP = 12, 25, 4
 LEAST_GAIN, GAIN_BIN = 6.0, 2.0
 """Log-likelihood that a shape must gain, and for each of its bins: the scatter of few rows is uncertain itself."""
+LEAST_SHARE = 1e-9
 NORMAL = 1.4826
 """Standard deviation of a normal variable over its median absolute deviation."""
 
 
 def estimated_error(
-    deviations: FloatArray, frames: FloatArray, quantities: Sequence[FloatArray], group: IntArray
+    deviations: FloatArray, frames: FloatArray, quantities: Sequence[FloatArray], group: IntArray, scale: FloatArray
 ) -> FloatArray:
-    """Standard error of each row's mean.
+    """Standard error of each row's mean, at least a billionth of its scale.
 
     Args:
         deviations: measured less expected, in the channel's unit, shape (n,).
         frames: averaged in each row.
         quantities: simulated values on which a noise may hang, each (n,).
         group: code of rows that share an error; their median is not noise.
+        scale: what a relative error of 1 would change, or the unit itself.
     """
     single = np.sqrt(np.maximum(frames, 1.0))
     code = np.unique(group, return_inverse=True)[1].astype(np.int64)
@@ -48,7 +50,7 @@ def estimated_error(
             break
         shape = shape * found[best][1]
         del waiting[best]
-    return np.asarray(shape * max(_spread(left / shape), 1e-300) / single)
+    return np.asarray(np.maximum(shape * _spread(left / shape) / single, LEAST_SHARE * scale))
 
 
 def noise_quantities(view: View, use: IntArray) -> list[FloatArray]:

@@ -135,9 +135,8 @@ class Looker:
         if not data.stated_known:
             view = self.problem.view
             frames, rows = np.nan_to_num(view.frames()[data.use], nan=1.0), view.rows[data.use]
-            data.stated = estimated_error(
-                left * data.scale, frames, noise_quantities(view, data.use), self.problem.groups.step[rows]
-            )
+            quantities, step = noise_quantities(view, data.use), self.problem.groups.step[rows]
+            data.stated = estimated_error(left * data.scale, frames, quantities, step, data.scale)
         z = left * data.scale / data.stated
         for level in data.levels:
             count = np.bincount(level.code, minlength=level.count)

@@ -307,9 +307,8 @@ class Problem:
         )  # fmt: skip
         if not known:
             frames = np.nan_to_num(view.frames()[use], nan=1.0)
-            data.stated = estimated_error(
-                data.residual(view.sim), frames, noise_quantities(view, use), groups.step[rows]
-            )
+            quantities, step = noise_quantities(view, use), groups.step[rows]
+            data.stated = estimated_error(data.residual(view.sim), frames, quantities, step, scale)
             data.rebuild({})
         return data
 

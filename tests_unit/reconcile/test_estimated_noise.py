@@ -16,7 +16,7 @@ def test_a_signal_s_noise_has_its_floor_and_grows_with_the_signal():
     frames = np.where(np.arange(6000) % 2, 4.0, 25.0)
     truth = np.sqrt(0.05**2 + (0.02 * signal) ** 2) / np.sqrt(frames)
     shared = 0.3 * rng.normal(size=12)[step]  # what a step's rows have in common is no noise of theirs
-    said = estimated_error(shared + truth * rng.normal(size=6000), frames, [signal], step)
+    said = estimated_error(shared + truth * rng.normal(size=6000), frames, [signal], step, signal)
     assert np.median(np.abs(np.log(said / truth))) < 0.1
     assert np.quantile(np.abs(np.log(said / truth)), 0.95) < 0.4
 
@@ -24,10 +24,13 @@ def test_a_signal_s_noise_has_its_floor_and_grows_with_the_signal():
 def test_a_range_s_noise_follows_the_light_and_nothing_that_does_not_matter():
     rng = np.random.default_rng(2)
     light, metres = 10.0 ** rng.uniform(1.0, 3.5, 4000), rng.uniform(0.5, 4.0, 4000)
+    alone = np.zeros(4000, dtype=int)
     truth = 0.5 / light
-    said = estimated_error(truth * rng.normal(size=4000), np.ones(4000), [metres, light], np.zeros(4000, dtype=int))
+    said = estimated_error(
+        truth * rng.normal(size=4000), np.ones(4000), [metres, light], np.zeros(4000, dtype=int), metres
+    )
     assert np.quantile(np.abs(np.log(said / truth)), 0.95) < 0.25
-    flat = estimated_error(rng.normal(size=4000), np.ones(4000), [metres, light], np.zeros(4000, dtype=int))
+    flat = estimated_error(rng.normal(size=4000), np.ones(4000), [metres, light], alone, metres)
     assert np.ptp(flat) == 0.0
     assert flat[0] == pytest.approx(1.0, abs=0.05)
 
