@@ -7,6 +7,7 @@ import pytest
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
+from arl_fixtures.reconcile.view import View
 
 PERIOD_M = 0.42
 
@@ -36,3 +37,15 @@ def test_cells_of_random_length_are_named_with_their_harmonics(seed):
     period = next(p for p in found[0].parameters if p.name == "period")
     assert period.value == pytest.approx(PERIOD_M, rel=0.02)
     assert found[0].held_out.explained > 0.8
+
+
+def test_no_cell_has_less_than_no_length():
+    """However large a fit may try the waves, what is farther is never read as nearer."""
+    effect, view = library()["timing.tdc_nonlinearity"], View(columns_of(pa.table(rail(2, 0.12))))
+    variant = next(v for v in effect.variants(view) if "harmonics" in v.options)
+    values = {p.name: 0.2 for p in variant.parameters} | {"period": PERIOD_M}
+    state = view.fresh_state()
+    effect.apply(variant, values, state, view)
+    order = np.argsort(view.sim["distance_m"], kind="stable")
+    assert np.all(np.diff(state["distance_m"][order]) > -1e-12)
+    assert np.ptp(state["distance_m"] - view.sim["distance_m"]) > 0.02

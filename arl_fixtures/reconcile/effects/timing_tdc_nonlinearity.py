@@ -28,6 +28,8 @@ class TdcNonlinearity(Effect):
 
     * wave: one wave in a period, as of a delay line that is bent.
     * cells: the same with its second and third harmonic, as of cells whose lengths are random.
+
+    A cell has a length: later is never read as nearer, so that 2πa/period stays below 1.
     """
 
     id = "timing.tdc_nonlinearity"
@@ -99,13 +101,15 @@ def _names(order: int) -> tuple[str, str]:
 
 
 def _error(phase: FloatArray, values: Values) -> FloatArray:
-    """Error at a phase, with as many harmonics as there are values of."""
+    """Error at a phase, with as many harmonics as there are values of; no larger than cells of no length make it."""
     total: FloatArray = np.zeros(np.shape(phase))
+    steepest = 0.0
     for order in range(1, HARMONICS + 1):
         sine, cosine = _names(order)
         if sine in values:
             total = total + values[sine] * np.sin(order * phase) + values[cosine] * np.cos(order * phase)
-    return total
+            steepest += order * float(np.hypot(values[sine], values[cosine]))
+    return total / max(2.0 * np.pi * steepest / float(values["period"]), 1.0)
 
 
 def _spread(view: View, distance: str) -> tuple[float, float]:
