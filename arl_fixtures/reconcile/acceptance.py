@@ -67,8 +67,8 @@ def evidence(ranked: Ranked, surcharge: Surcharge) -> float:
     pays no price for them again, up to half of what it gains; and so does one that tells steps apart where those
     before it act within them, or the reverse: it is the first of its kind. Any other further one does, and more: it
     may live on what the first one's law does not quite say. As a picture over the pixels it must gain all of the
-    threshold beside their free pattern. A search along a shape pays for its many looks, and
-    so does what acts in one unit of several.
+    threshold beside their free pattern. A search along a shape pays for its many looks, and so
+    does what acts in one unit of several.
     """
     variant = ranked.candidate.term.variant
     amplitudes = min(sum(not p.per for p in variant.amplitudes()), FEW_AMPLITUDES)

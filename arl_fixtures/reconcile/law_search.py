@@ -37,6 +37,7 @@ from arl_fixtures.reconcile.law_shape import sharpened
 from arl_fixtures.reconcile.law_work import ALL_ROWS, MOST_ROWS, Candidate, Work
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import ChannelData
+from arl_fixtures.reconcile.robust import LEAST_TAIL
 from arl_fixtures.reconcile.roles import Role
 
 MOST_TERMS = 5
@@ -59,8 +60,6 @@ MOST_FAILED = 3
 FURTHER_EVIDENCE = 3.0
 """What a further term must earn beyond its price: of hundreds beside a good first one some earn a little."""
 
-LEAST_TAIL = -650.0
-"""Logarithm of the least probability that is told from none."""
 LAW_GAIN = 9.0
 """Log-likelihood that a law must gain on unseen blocks where nothing else tells of a mismatch."""
 LIKELIER, LIKELIER_SHARED, LIKELIER_BESIDE = 4.0, 0.5, 6.0
@@ -210,7 +209,7 @@ def of_few_steps(gain: float, coefficients: int, data: ChannelData) -> float:
         return 0.0
     ratio = freedom / coefficients * float(np.expm1(min(2.0 * gain / level.count, 600.0)))
     log_tail = float(stats.f.logsf(ratio, coefficients, freedom))
-    return gain if log_tail < LEAST_TAIL else 0.5 * float(stats.chi2.isf(np.exp(log_tail), coefficients))
+    return -log_tail if log_tail < LEAST_TAIL else 0.5 * float(stats.chi2.isf(np.exp(log_tail), coefficients))
 
 
 def _starts(data: ChannelData, *, within_images: bool = False) -> list[dict[str, float]]:

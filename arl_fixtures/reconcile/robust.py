@@ -12,6 +12,8 @@ from arl_fixtures.reconcile.terms import forward
 
 MOST_LEFT = 3.0
 """Standard errors to which rows left by a rough term are held back."""
+LEAST_TAIL = -650.0
+"""Logarithm of the least probability that is told from none: below, it is itself what a gain is worth."""
 PRIOR_GROUPS, BARE_GROUPS = 20.0, 2.0
 """Groups on which the noise model's own covariance counts as resting; and where it was only told from the steps."""
 
@@ -80,6 +82,6 @@ def _resting(problem: Problem, before: State, after: State) -> float:
 def _normal_gain(t_value: float, freedom: float) -> float:
     """Half the square of the normal deviate with the tail probability of a Student deviate."""
     log_tail = float(stats.t.logsf(t_value, freedom))
-    if log_tail < -650.0:
+    if log_tail < LEAST_TAIL:
         return -log_tail
     return 0.5 * float(stats.norm.isf(np.exp(log_tail))) ** 2
