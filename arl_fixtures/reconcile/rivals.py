@@ -140,7 +140,8 @@ def share_beside(problem: Problem, terms: Sequence[Term], term: Term) -> float:
 def pictures_beside(terms: Sequence[Term], patterns: Sequence[Pattern]) -> set[str]:
     """Effects that are a picture over the pixels, on a channel whose pixels have a free pattern as well."""
     channels = {c for p in patterns for c in p.term.variant.channels}
-    alike = [t for t in terms if set(t.variant.drivers) <= PIXEL_COLUMNS and channels & set(t.variant.channels)]
+    places = PIXEL_COLUMNS | {"surface"}  # a panel stays before the same pixels
+    alike = [t for t in terms if set(t.variant.drivers) <= places and channels & set(t.variant.channels)]
     return {t.effect.id for t in alike}
 
 

@@ -50,3 +50,19 @@ def test_frames_that_scatter_more_in_the_hottest_of_four_steps_are_named():
     assert said(table, "readout.noise_excess", "laser.pulse_energy_jitter") == ["readout.noise_excess"]
     quiet = camera(5, steps=4, images=6, change=lambda _c, light, noise, _r: (light, noise))
     assert said(quiet, "readout.noise_excess", "laser.pulse_energy_jitter") == []
+
+
+def test_a_faint_pattern_of_pixels_is_told_from_none():
+    """Six parts in ten thousand, a third of a pixel's error over all images: no single pixel shows it."""
+    gain = np.random.default_rng(17).normal(size=(12, 16))
+
+    def uneven(size):
+        def change(columns, light, noise, _rng):
+            pixel = gain[columns["pixel_v"].astype(int), columns["pixel_u"].astype(int)]
+            return light * (1.0 + size * pixel), noise
+
+        return change
+
+    names = ("detector.pixel_response", "optics.vignetting")
+    assert said(camera(6, steps=4, images=6, change=uneven(0.0006)), *names) == ["detector.pixel_response"]
+    assert said(camera(6, steps=4, images=6, change=uneven(0.0)), *names) == []
