@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from arl_fixtures.reconcile.fit import Fit
+from arl_fixtures.reconcile.own_driver import driven_by, has_own_driver, mends_shape
 from arl_fixtures.reconcile.problem import Problem
-from arl_fixtures.reconcile.roles import PIXEL_COLUMNS, Role, told_by
+from arl_fixtures.reconcile.roles import PIXEL_COLUMNS, Role
 from arl_fixtures.reconcile.screen import FEW_AMPLITUDES, Candidate, Surcharge
 from arl_fixtures.reconcile.step_means import act_apart
 from arl_fixtures.reconcile.terms import Term, forward
@@ -23,11 +24,6 @@ FURTHER, FURTHER_APART = 3.0, 1.0
 the two have no driver in common."""
 QUIET, QUIET_GAIN = 0.15, 3.0
 """Share of its mean square below which an effect hardly acts, and what a further one must gain there."""
-CELLS, FEWEST_IN_CELL = 12, 4
-"""Parts into which a driver's range is cut, and rows that a cell must hold on average."""
-OWN_SHARE, OWN_GAIN = 0.2, 6.0
-"""Share of a further effect's gain that must lie within cells of an earlier one's drivers, and how much: of a change
-that grows from none with a driver of its own more than half is the same in all cells."""
 UNDONE = 1.0 / 3.0
 """Share of the squares of two effects of the same drivers that both together must keep: nobody saw what they undo."""
 LEAST_SCATTER = 0.03
@@ -78,7 +74,7 @@ def evidence(ranked: Ranked, surcharge: Surcharge) -> float:
     if not before:
         sure += float(np.clip(0.5 * sure, 0.0, PRICE * amplitudes))
     else:
-        alike = any(_columns(term) & _columns(ranked.fit.terms[-1]) for term in before)
+        alike = any(driven_by(term) & driven_by(ranked.fit.terms[-1]) for term in before)
         sure -= FURTHER if alike else FURTHER_APART
     return sure - surcharge.of(ranked.fit.terms[-1])
 
@@ -113,7 +109,7 @@ def is_repeat(base: Fit, candidate: Candidate) -> bool:
     return not new.effect.several and any(
         term.effect.id == new.effect.id
         and set(term.variant.channels) & set(new.variant.channels)
-        and (new.effect.single or _columns(term) <= _columns(new) or _columns(new) <= _columns(term))
+        and (new.effect.single or driven_by(term) <= driven_by(new) or driven_by(new) <= driven_by(term))
         and (term.unit == new.unit or not term.unit or not new.unit)
         and (_surface(term) == _surface(new) or not _surface(term) or not _surface(new))
         for term in base.terms
@@ -150,7 +146,7 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
     for index, term in enumerate(base.terms):
         if not set(term.variant.channels) & set(new.variant.channels) or _is_side(term, new):
             continue
-        alike = bool(_columns(term) & _columns(new)) and not _has_own_driver(problem, ranked, term)
+        alike = bool(driven_by(term) & driven_by(new)) and not has_own_driver(problem, ranked.fit.terms, term)
         least = (MISFIT_SHARE if alike else HIDDEN_SHARE) * gains.get(index, 0.0)
         another = new.effect.several and new.effect.id == term.effect.id
         apart = (not alike or another) and ranked.gain > 0.1 * least
@@ -158,6 +154,9 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
             acts_alone(problem, (base.terms[index], new)) or _stands_apart(problem, base, ranked, index)
         )
         if ranked.gain < least and not apart:
+            return True
+        small = ranked.gain < MISFIT_SHARE * gains.get(index, 0.0)
+        if small and not alike and mends_shape(problem, ranked.fit.terms, term):
             return True
     return False
 
@@ -173,7 +172,9 @@ def _undoes(problem: Problem, ranked: Ranked) -> bool:
     """Whether a further effect and one of the same drivers take back most of what the other does."""
     terms = ranked.fit.terms
     for index, term in enumerate(terms[:-1]):
-        if _columns(term) != _columns(terms[-1]) or not set(term.variant.channels) & set(terms[-1].variant.channels):
+        if driven_by(term) != driven_by(terms[-1]) or not set(term.variant.channels) & set(
+            terms[-1].variant.channels
+        ):
             continue
         alone = [
             problem.whiten_change(forward([t for t in terms if t is not other], problem.view), ranked.fit.state)
@@ -216,43 +217,6 @@ def _mends_side_effects(problem: Problem, ranked: Ranked) -> bool:
     if gains[True] <= SIDE_SHARE * (gains[True] + max(gains[False], 0.0)):
         return False
     return plain or gains[True] < SIDE_SHARE * moved or largest < 2.0 * LEAST_SCATTER
-
-
-def _columns(term: Term) -> set[str]:
-    """What drives an effect."""
-    return {told_by(name) for name in term.variant.drivers}
-
-
-def _has_own_driver(problem: Problem, ranked: Ranked, term: Term) -> bool:
-    """Whether a further effect gains enough where all that drives an earlier one stays the same.
-
-    What mends a law of some columns is another law of these. Cells of the earlier one's drivers are held against what
-    the further one changes and gains within them.
-    """
-    new, view = ranked.fit.terms[-1], problem.view
-    drivers = [name for name in term.variant.drivers if view.is_category(name) or view.varies(name)]
-    if not drivers or _columns(new) <= _columns(term):
-        return False
-    cell = np.zeros(view.n, dtype=np.int64)
-    for name in drivers:
-        values = view.codes(name)[0] if view.is_category(name) else np.nan_to_num(view.number(name))
-        edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, CELLS + 1)[1:-1]))
-        cell = np.unique(cell * (CELLS + 1) + np.searchsorted(edges, values), return_inverse=True)[1]
-    if view.n < FEWEST_IN_CELL * (int(cell.max()) + 1):
-        return False
-    before = forward(ranked.fit.terms[:-1], view)
-    whole = own = 0.0
-    for d in problem.data:
-        name = d.channel.name
-        if ranked.fit.state[name] is before[name]:
-            continue
-        change = d.whiten(d.expect * (ranked.fit.state[name] - before[name])[d.use])
-        left, at = d.whiten(d.residual(before)), cell[d.use]
-        mean = np.bincount(at, change) / np.maximum(np.bincount(at), 1)
-        within = change - mean[at]
-        whole += float(change @ left - 0.5 * change @ change)
-        own += float(within @ left - 0.5 * within @ within)
-    return own > max(OWN_GAIN, OWN_SHARE * whole)
 
 
 def _stands_apart(problem: Problem, base: Fit, ranked: Ranked, index: int) -> bool:

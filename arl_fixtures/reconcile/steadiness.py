@@ -14,8 +14,9 @@ import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.noise import fit_tau
+from arl_fixtures.reconcile.own_driver import cells_of, driven_by, within_cells
 from arl_fixtures.reconcile.pilot import Looker
-from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.problem import ChannelData, Problem
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.terms import Term, forward
 
@@ -37,6 +38,8 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
 
     What displaces rays is left out: at edges its change is as rough as its errors are. What mixes a pixel with its
     neighbours is as rough, but the same whenever the pixel sees the same: it is asked for what changes meanwhile.
+    What a strong name's law leaves along its own drivers is not held against another: it is asked within cells of
+    these.
     """
     if term.variant.rough or (term.effect.displaces and not term.effect.mixes):
         return False
@@ -50,15 +53,37 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
     if not acting:
         return False
     change = [d.whiten(d.expect * (full[d.channel.name] - rest[d.channel.name])[d.use]) for d in acting]
+    left = [d.whiten(d.residual(full)) for d in acting]
+    if not _moves(looker, term, acting, change, left, place):
+        return False
+    for other in terms:
+        cell = None
+        if other is not term and not driven_by(other) & driven_by(term):
+            cell = cells_of(problem.view, other.variant.drivers)
+        if cell is not None:
+            change = [within_cells(c, cell[d.use]) for c, d in zip(change, acting, strict=True)]
+            left = [within_cells(x, cell[d.use]) for x, d in zip(left, acting, strict=True)]
+    return _moves(looker, term, acting, change, left, place)
+
+
+def _moves(
+    looker: Looker,
+    term: Term,
+    acting: Sequence[ChannelData],
+    change: Sequence[FloatArray],
+    left: Sequence[FloatArray],
+    place: IntArray | None,
+) -> bool:
+    """Whether a term's factor moves with a column; change and left are whitened, by channel."""
     power = np.concatenate([c * c for c in change])
-    score = np.concatenate([c * d.whiten(d.residual(full)) for c, d in zip(change, acting, strict=True)])
+    score = np.concatenate([c * x for c, x in zip(change, left, strict=True)])
     for name, values in looker.features.items():
         if place is not None and _told_by(place, values) > OF_PLACES:
             continue
         here = np.concatenate([values[d.use] for d in acting])
         tau, gain = factor_scatter(here, power, score)
         moving = gain > UNSTEADY_GAIN and tau > (UNSTEADY_EXACT if term.effect.exact else UNSTEADY)
-        if moving and not (name in problem.groups.unit_columns and acts_in_all(here, power, score)):
+        if moving and not (name in looker.problem.groups.unit_columns and acts_in_all(here, power, score)):
             return True
     return False
 

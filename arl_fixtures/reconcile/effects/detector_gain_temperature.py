@@ -11,7 +11,9 @@ from arl_fixtures.reconcile.effects_avalanche import bias_column, breakdown, mul
 from arl_fixtures.reconcile.effects_common import (
     amplitude,
     excess,
+    light_channels,
     reference,
+    set_light,
     set_response,
     shape,
     temperature_drivers,
@@ -23,6 +25,8 @@ from arl_fixtures.reconcile.view import View
 
 class GainTemperature(Effect):
     """I *= 1 + slope·(T − T_mid) + curvature·(T − T_mid)²; the scatter of the signal scales alike.
+
+    Or it follows the noise law as it would for more light, as of a detector whose efficiency changes (noise: light).
 
     Where the bias of an avalanche detector is swept also by its cause: I *= M(V, V_b + drift·(T − T_mid)) / M(V, V_b)
     with Miller's M = 1 / (1 − (V/V_b)^order): the nearer to breakdown, the more.
@@ -42,16 +46,21 @@ class GainTemperature(Effect):
             for column in temperature_drivers(
                 view, "tof_temperature_c", "fpga_temperature_c", "housing_temperature_c", limit=2, never=("laser_",)
             ):
-                yield Variant(
-                    effect=self.id,
-                    options={"channel": channel.name, "temperature": column, "reference": reference(view, column)},
-                    parameters=(
-                        Parameter(name="slope", unit="1/K", low=-0.05, high=0.05, null=0.0, typical=0.001),
-                        Parameter(name="curvature", unit="1/K^2", low=-5e-4, high=5e-4, null=0.0, typical=1e-5),
-                    ),
-                    channels=with_scatter(view, channel.name),
-                    drivers=(column,),
-                )
+                seen = light_channels(view, channel.name)
+                for noise in ("response", "light") if len(seen) > 1 else ("response",):
+                    yield Variant(
+                        effect=self.id,
+                        options={
+                            "channel": channel.name, "temperature": column, "reference": reference(view, column),
+                            **({"noise": noise} if noise == "light" else {}),
+                        },
+                        parameters=(
+                            Parameter(name="slope", unit="1/K", low=-0.05, high=0.05, null=0.0, typical=0.001),
+                            Parameter(name="curvature", unit="1/K^2", low=-5e-4, high=5e-4, null=0.0, typical=1e-5),
+                        ),
+                        channels=seen if noise == "light" else with_scatter(view, channel.name),
+                        drivers=(column,),
+                    )  # fmt: skip
                 if bias:
                     top = view.span(bias)[1]
                     yield Variant(
@@ -82,7 +91,10 @@ class GainTemperature(Effect):
             set_response(state, channel, state[channel] * (moved / known), moved / known)
             return
         gain = np.maximum(1.0 + float(values["slope"]) * warm + float(values["curvature"]) * warm**2, 0.01)
-        set_response(state, channel, state[channel] * gain, gain)
+        if "noise" in variant.options:
+            set_light(view, state, channel, state[channel] * gain)
+        else:
+            set_response(state, channel, state[channel] * gain, gain)
 
     def expression(self, variant: Variant) -> str:
         """The law."""

@@ -1,0 +1,110 @@
+"""Whether an effect acts by a driver of its own: what it gains where all that drives another one stays the same.
+
+No law of the library is quite the real one. Of a strong effect it leaves some per cent, along the columns that drive
+it, and what happens to go with these columns finds a gain there. Cells of the strong one's drivers tell: within them
+it says the same of all rows, and whatever its shape should be, it leaves the differences to others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.roles import told_by
+from arl_fixtures.reconcile.terms import Term, forward
+from arl_fixtures.reconcile.view import View
+
+CELLS, FEWEST_IN_CELL = 12, 4
+"""Parts into which a driver's range is cut, and rows that a cell must hold on average."""
+OWN_SHARE, OWN_GAIN = 0.2, 6.0
+"""Share of a further effect's gain that must lie within cells of an earlier one's drivers, and how much: of a change
+that grows from none with a driver of its own more than half is the same in all cells."""
+
+
+def driven_by(term: Term) -> set[str]:
+    """What drives an effect."""
+    return {told_by(name) for name in term.variant.drivers}
+
+
+def cells_of(view: View, names: Sequence[str]) -> IntArray | None:
+    """Cell of each row: drivers that vary, each cut into parts of as many rows (of a channel
+    its simulation, which has no noise); None where too few rows share one."""
+    simulated = [f"sim_{name}" if view.varies(f"sim_{name}") else name for name in names]
+    drivers = [name for name in simulated if view.is_category(name) or view.varies(name)]
+    if not drivers:
+        return None
+    cell = np.zeros(view.n, dtype=np.int64)
+    for name in drivers:
+        values = view.codes(name)[0] if view.is_category(name) else np.nan_to_num(view.number(name))
+        edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, CELLS + 1)[1:-1]))
+        cell = np.unique(cell * (CELLS + 1) + np.searchsorted(edges, values), return_inverse=True)[1]
+    return None if view.n < FEWEST_IN_CELL * (int(cell.max()) + 1) else cell.astype(np.int64)
+
+
+def within_cells(values: FloatArray, cell: IntArray) -> FloatArray:
+    """Values less their cell's mean."""
+    mean = np.bincount(cell, values) / np.maximum(np.bincount(cell), 1)
+    return np.asarray(values - mean[cell])
+
+
+def has_own_driver(problem: Problem, terms: Sequence[Term], term: Term) -> bool:
+    """Whether the last of the terms gains enough where all that drives an earlier one of like drivers stays the same.
+
+    What mends a law of some columns is another law of these, unless it acts on other rows: an offset and a gain of
+    one temperature differ by the signal. So one without a column of its own must gain beside an earlier one whose
+    strength is free in every cell.
+    """
+    cell = cells_of(problem.view, term.variant.drivers)
+    if cell is None:
+        return False
+    alike = term if driven_by(terms[-1]) <= driven_by(term) else None
+    whole, own = _gains(problem, terms, cell, beside=alike)
+    return own > max(OWN_GAIN, OWN_SHARE * whole)
+
+
+def mends_shape(problem: Problem, terms: Sequence[Term], term: Term) -> bool:
+    """Whether the last of the terms, of other drivers, gains next to nothing where what drives a strong one stays.
+
+    Asked of what one column drives, whose cells do not tell single steps or images.
+    """
+    if len(driven_by(term)) != 1:
+        return False
+    cell = cells_of(problem.view, term.variant.drivers[:1])
+    if cell is None:
+        return False
+    whole, own = _gains(problem, terms, cell)
+    return own < OWN_SHARE * whole
+
+
+def _gains(
+    problem: Problem, terms: Sequence[Term], cell: IntArray, *, beside: Term | None = None
+) -> tuple[float, float]:
+    """Log-likelihood that the last of the terms gains, and what it gains within cells or beside a term free there."""
+    view = problem.view
+    before, after = forward(terms[:-1], view), forward(terms, view)
+    rest = before if beside is None else forward([t for t in terms[:-1] if t is not beside], view)
+    whole = own = 0.0
+    for d in problem.data:
+        name = d.channel.name
+        if after[name] is before[name]:
+            continue
+        change = d.whiten(d.expect * (after[name] - before[name])[d.use])
+        left = d.whiten(d.residual(before))
+        whole += float(change @ left - 0.5 * change @ change)
+        here = cell[d.use]
+        if beside is None:
+            within = within_cells(change, here)
+        else:
+            earlier = d.whiten(d.expect * (before[name] - rest[name])[d.use])
+            within = _beside(change, earlier, here)
+        own += float(within @ left - 0.5 * within @ within)
+    return whole, own
+
+
+def _beside(change: FloatArray, earlier: FloatArray, cell: IntArray) -> FloatArray:
+    """What a change holds that no strength of an earlier one makes, whichever it has in each cell."""
+    top, bottom = np.bincount(cell, change * earlier), np.bincount(cell, earlier * earlier)
+    return np.asarray(change - (top / np.maximum(bottom, 1e-300))[cell] * earlier)
