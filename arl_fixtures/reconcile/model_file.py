@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -20,6 +20,7 @@ from arl_fixtures.reconcile.diagnosis import Diagnosis
 from arl_fixtures.reconcile.effect import Parameter, State, Variant
 from arl_fixtures.reconcile.features import category_id, features_of
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm
+from arl_fixtures.reconcile.readings import smooth_readings
 from arl_fixtures.reconcile.terms import Term, field_keys, forward
 from arl_fixtures.reconcile.view import View
 from arl_fixtures.yaml_model import FileModel, load_model
@@ -104,6 +105,7 @@ class ModelFile(FileModel):
     relative: list[str] = Field(default_factory=list)
     ceilings: dict[str, float] = Field(default_factory=dict)
     rays_derived: bool = False
+    smoothed: list[str] = Field(default_factory=list)
     sweep_gap_deg: float | None = None
     frame_gap_s: float | None = None
 
@@ -111,7 +113,7 @@ class ModelFile(FileModel):
 def model_of(
     diagnosis: Diagnosis, unit_columns: tuple[str, ...], relative: tuple[str, ...], gaps: tuple[float, float],
     ceilings: Mapping[str, float] | None = None, units: tuple[list[str], dict[str, float]] | None = None,
-    *, rays_derived: bool = False, zeros: Mapping[str, dict[str, float]] | None = None,
+    *, rays_derived: bool = False, smoothed: Sequence[str] = (), zeros: Mapping[str, dict[str, float]] | None = None,
 ) -> ModelFile:  # fmt: skip
     """What to write for a diagnosis.
 
@@ -123,6 +125,7 @@ def model_of(
         ceilings: ends of channels' scales.
         units: those that were compared, and by channel the constant of others.
         rays_derived: whether the rays' directions were those of the nominal bench, which the table did not give.
+        smoothed: temperatures that effects saw without their loggers' noise.
         zeros: of signals, by channel and unit, beside their gains.
     """
     return ModelFile(
@@ -136,6 +139,7 @@ def model_of(
         relative=list(relative),
         ceilings=dict(ceilings or {}),
         rays_derived=rays_derived,
+        smoothed=list(smoothed),
         sweep_gap_deg=gaps[0] if np.isfinite(gaps[0]) else None,
         frame_gap_s=gaps[1] if np.isfinite(gaps[1]) else None,
     )
@@ -216,6 +220,7 @@ def terms_of(model: ModelFile, view: View, path: Path) -> list[Term]:
     entries = library()
     if model.rays_derived:
         derive_rays(view.columns, known=True)
+    smooth_readings(view.columns, model.smoothed)
     view.columns.sweep_gap_deg = np.inf if model.sweep_gap_deg is None else model.sweep_gap_deg
     view.columns.frame_gap_s = np.inf if model.frame_gap_s is None else model.frame_gap_s
     terms = []

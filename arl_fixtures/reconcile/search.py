@@ -34,6 +34,7 @@ from arl_fixtures.reconcile.grouping import find_groups, typical_gaps
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.pixel_calibration import zero_fitted
 from arl_fixtures.reconcile.problem import ChannelData, Problem, carry_gains
+from arl_fixtures.reconcile.readings import smooth_readings
 from arl_fixtures.reconcile.robust import robust_gain
 from arl_fixtures.reconcile.sampling import draw_rows
 from arl_fixtures.reconcile.screen import Candidate, Screening, Surcharge, all_variants, screen
@@ -103,6 +104,7 @@ class Search:
         self.progress: Progress = progress if progress is not None else (lambda _text, _share: None)
         self.columns = columns
         derive_rays(columns)
+        self.smoothed = smooth_readings(columns)
         columns.sweep_gap_deg, columns.frame_gap_s = typical_gaps(columns)
         self.groups = find_groups(columns)
         self.full = Problem(columns, draw_rows(columns, self.groups, FULL_ROWS), self.groups)

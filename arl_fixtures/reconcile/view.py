@@ -72,9 +72,9 @@ class View:
         return self._cache[name]
 
     def _whole(self, name: str) -> FloatArray:
-        """A numeric column of the whole table, or one that its simulation shows."""
-        derived = self.columns.derived
-        return derived[name] if name in derived else self.columns.numbers[name]
+        """A numeric column of the whole table, without its logger's noise, or one that its simulation shows."""
+        table = self.columns
+        return next(kind[name] for kind in (table.smoothed, table.derived, table.numbers) if name in kind)
 
     def codes(self, name: str) -> tuple[IntArray, tuple[str, ...]]:
         """Codes (−1 = null) and labels of a category column (`surface`, `dut`, `mixed` as 'false'/'true', …)."""

@@ -1,0 +1,130 @@
+"""What a sensor of temperature read at a frame, and what the temperature was: readings scatter, bodies do not.
+
+A logged temperature has the noise and the steps of its logger. Where an effect is strong, that noise is worth more
+than the frames' own: taken at its word it dilutes the effect's slope (errors in variables), and another column that
+happens to scatter less takes its name. So within a step a temperature is a line over time where its readings scatter
+about one like noise. Not where the channels follow the readings themselves: then these were no noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray
+from arl_fixtures.reconcile.roles import Role, suffix
+
+FEWEST_READINGS = 6
+"""Readings of a step from which its line is drawn."""
+MOST_ALIKE = 0.3
+"""Correlation of neighbouring readings' errors from which these are the temperature's own course."""
+SURE = 2.0
+"""Standard errors by which channels must follow the readings rather than the lines for the readings to stay."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Images:
+    """One row of each image: its step's code, its time from the middle of that, the rows' images."""
+
+    step: IntArray
+    time: FloatArray
+    image: IntArray
+    first: IntArray
+
+
+def smooth_readings(columns: Columns, names: list[str] | None = None) -> list[str]:
+    """Give effects temperatures without their loggers' noise.
+
+    Args:
+        columns: of the table; `smoothed` is filled.
+        names: temperatures known to be of that kind (of a model that was found with them); else the table shows it.
+
+    Returns:
+        The temperatures that were smoothed.
+    """
+    images = _images_of(columns)
+    if images is None:
+        return []
+    channels = {c.name for c in columns.channels}
+    found = []
+    for name in names if names is not None else sorted(columns.numbers):
+        if suffix(name) != "c" or name in channels or name.startswith("sim_") or name not in columns.numbers:
+            continue
+        whole = columns.numbers[name]
+        reading = whole[images.first]
+        if not np.isfinite(whole).all() or np.any(reading[images.image] != whole):
+            continue  # pixels of an image have temperatures of their own
+        line = _line(reading, images)
+        noise = reading - line
+        if not noise.any():
+            continue
+        if names is None and (_is_course(noise, images) or _is_followed(columns, images, reading, line)):
+            continue
+        columns.smoothed[name] = line[images.image]
+        found.append(name)
+    return found
+
+
+def _images_of(columns: Columns) -> _Images | None:
+    """Images of steps that hold enough of them; None where steps or times are lacking."""
+    time = columns.numbers.get("time_s")
+    if time is None or "step" not in columns.numbers or not np.isfinite(time).all():
+        return None
+    step = columns.group("dut", "cycle", "step")
+    image = np.unique(columns.group("dut", "cycle", "step", "time_s"), return_inverse=True)[1].astype(np.int64)
+    first = np.unique(image, return_index=True)[1].astype(np.int64)
+    count = np.bincount(step[first])
+    if np.median(count[count > 0]) < FEWEST_READINGS:
+        return None
+    at = step[first]
+    return _Images(at, _less_mean(time[first], at), image, first)
+
+
+def _less_mean(values: FloatArray, code: IntArray) -> FloatArray:
+    mean = np.bincount(code, values) / np.maximum(np.bincount(code), 1)
+    return np.asarray(values - mean[code])
+
+
+def _line(reading: FloatArray, images: _Images) -> FloatArray:
+    """Least-squares line over time in each step; the reading itself where a step has too few."""
+    rest = _less_mean(reading, images.step)
+    square = np.bincount(images.step, images.time**2)
+    slope = np.bincount(images.step, images.time * rest) / np.maximum(square, 1e-300)
+    line = reading - rest + np.where(square > 0.0, slope, 0.0)[images.step] * images.time
+    few = np.bincount(images.step)[images.step] < FEWEST_READINGS
+    return np.asarray(np.where(few, reading, line))
+
+
+def _is_course(noise: FloatArray, images: _Images) -> bool:
+    """Whether what readings do about their lines goes on from one to the next."""
+    order = np.lexsort((images.time, images.step))
+    here, step = noise[order], images.step[order]
+    same = step[1:] == step[:-1]
+    return float(np.sum((here[1:] * here[:-1])[same])) > MOST_ALIKE * float(here @ here)
+
+
+def _is_followed(columns: Columns, images: _Images, reading: FloatArray, line: FloatArray) -> bool:
+    """Whether a channel that goes with the temperature from step to step goes with its readings' noise as well."""
+    for channel in columns.channels:
+        if channel.role is Role.SCATTER:
+            continue
+        measured, simulated = (columns.numbers[p + channel.name] for p in ("", "sim_"))
+        relative = channel.role is Role.INTENSITY
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rest = (measured - simulated) / simulated if relative else measured - simulated
+        known = np.isfinite(rest)
+        weight = np.bincount(images.image[known], minlength=len(images.first))
+        if not np.all(weight > 0):
+            continue
+        mean = np.bincount(images.image[known], rest[known], minlength=len(images.first)) / weight
+        between = _less_mean(line, images.step * 0)
+        slope = float(between @ mean) / max(float(between @ between), 1e-300)
+        noise = reading - line
+        left = mean - _line(mean, images)
+        square = float(noise @ noise)
+        within = float(noise @ left) / square
+        error = float(np.std(left)) / np.sqrt(square)
+        if abs(within) > SURE * error + abs(within - slope):
+            return True
+    return False

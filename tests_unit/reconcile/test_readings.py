@@ -1,0 +1,67 @@
+"""A logged temperature scatters about what the temperature was; effects follow the latter, unless they do not."""
+
+import numpy as np
+import pytest
+
+from arl_fixtures.reconcile.columns import Columns, find_channels
+from arl_fixtures.reconcile.readings import smooth_readings
+from arl_fixtures.reconcile.view import View
+
+STEPS, FRAMES, PIXELS = 12, 10, 20
+
+
+def bench(read, act, seed=1):
+    """A body that drifts in each step; `read` logs it, `act` says what of body and log the signal follows."""
+    rng = np.random.default_rng(seed)
+    step, frame, u = (
+        a.ravel() for a in np.meshgrid(np.arange(STEPS), np.arange(FRAMES), np.arange(PIXELS), indexing="ij")
+    )
+    body = 7.0 * np.arange(STEPS)[:, None] + 0.4 * np.linspace(-1.0, 1.0, FRAMES)
+    logged = read(body, rng)
+    light = 500.0 * (1.0 - 0.002 * act(body, logged)[step, frame])
+    noise = 2.0
+    numbers = {
+        "step": step.astype(float), "time_s": 600.0 * step + 20.0 * frame, "pixel_u": u.astype(float),
+        "tof_temperature_c": logged[step, frame], "n_frames": np.full(u.size, 10.0),
+        "sim_intensity_counts": np.full(u.size, 500.0), "sim_intensity_counts_std": np.full(u.size, noise),
+        "intensity_counts": light + noise / np.sqrt(10.0) * rng.normal(size=u.size),
+    }  # fmt: skip
+    return Columns(n=u.size, numbers=numbers, categories={}, channels=find_channels(set(numbers))), body[step, frame]
+
+
+def noisy(body, rng):
+    return np.round(body + 0.3 * rng.normal(size=body.shape), 1)
+
+
+def test_readings_that_scatter_about_a_line_are_its_noise():
+    table, body = bench(noisy, lambda body, _logged: body)
+    assert smooth_readings(table) == ["tof_temperature_c"]
+    error, logged = (View(table).number("tof_temperature_c") - body, table.numbers["tof_temperature_c"] - body)
+    assert np.std(error) < 0.6 * np.std(logged)
+    known, _ = bench(noisy, lambda body, _logged: body)
+    assert smooth_readings(known, ["tof_temperature_c", "board_temperature_c"]) == ["tof_temperature_c"]
+    assert View(known).number("tof_temperature_c") == pytest.approx(View(table).number("tof_temperature_c"))
+
+
+def test_readings_that_the_signal_follows_stay():
+    table, _ = bench(noisy, lambda _body, logged: logged)
+    assert smooth_readings(table) == []
+    assert not table.smoothed
+
+
+def test_a_temperature_that_swings_within_a_step_stays():
+    def swing(body, rng):
+        return body + 0.5 * np.sin(2.0 * np.pi * np.arange(FRAMES) / FRAMES) + 0.02 * rng.normal(size=body.shape)
+
+    table, _ = bench(swing, lambda body, _logged: body)
+    assert smooth_readings(table) == []
+
+
+def test_a_log_without_scatter_and_a_table_without_times_stay():
+    table, _ = bench(lambda body, _rng: body, lambda body, _logged: body)
+    error = [abs(smoothed - table.numbers[name]).max() for name in smooth_readings(table)
+             for smoothed in [table.smoothed[name]]]  # fmt: skip
+    assert all(e < 1e-9 for e in error)
+    table, _ = bench(noisy, lambda body, _logged: body)
+    del table.numbers["time_s"]
+    assert smooth_readings(table) == []
