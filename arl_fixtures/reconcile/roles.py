@@ -17,9 +17,12 @@ UNIT_SUFFIXES = {
 
 _NO_UNIT = frozenset({"pixel_u", "pixel_v"})
 """Numbers of a column and a row: their last letter is no unit."""
-_SIGNAL_WORDS = ("intensity", "signal", "photo", "amplitude", "power", "optical", "radiance", "light")
-_SIGNAL_UNITS = {"counts", "cps", "kcps", "mcps", "w", "mw", "uw", "lux"}
-_READ_IN = {"", "a", "ma", "ua", "v", "mv"}
+_SIGNAL_WORDS = (
+    "intensity", "signal", "photo", "amplitude", "power", "optical", "radiance", "light", "return", "echo",
+    "brightness", "flux", "luminance", "emission",
+)  # fmt: skip
+_SIGNAL_UNITS = {"counts", "cps", "kcps", "mcps", "w", "mw", "uw", "j", "mj", "lux"}
+_READ_IN = {"", "a", "ma", "ua", "v", "mv", "hz", "khz", "mhz"}
 _VISIT_WORDS = (
     "step", "stop", "readout", "read_out", "visit", "position", "placement", "station", "pose", "point", "setting",
     "session", "record", "measurement", "soak", "dwell", "burst", "batch", "interval", "sequence",
@@ -66,18 +69,24 @@ def unit_of(name: str) -> str:
 
 
 def role_of(name: str, channels: frozenset[str] | set[str] = frozenset()) -> Role:
-    """Role of a channel, by the meaning its name has in the observation format, else by its unit suffix."""
+    """Role of a channel, by the meaning its name has in the observation format, else by its unit suffix.
+
+    >>> [role_of(name).value for name in ("return_v", "echo_mv", "pulse_energy_mj", "laser_voltage_v", "n_returns")]
+    ['intensity', 'intensity', 'intensity', 'other', 'other']
+    """
     if name.endswith("_std") and (name.removesuffix("_std") in channels or not channels):
         return Role.SCATTER
     unit = suffix(name)
+    if name.endswith("_fraction"):
+        return Role.FRACTION
+    if name.startswith("n_"):
+        return Role.OTHER
     if unit in _SIGNAL_UNITS or (unit in _READ_IN and any(word in name for word in _SIGNAL_WORDS)):
         return Role.INTENSITY
     if unit in {"m", "mm"}:
         return Role.DISTANCE
     if unit == "c":
         return Role.TEMPERATURE
-    if name == "valid_fraction" or name.endswith("_fraction"):
-        return Role.FRACTION
     return Role.OTHER
 
 
