@@ -26,6 +26,7 @@ from arl_fixtures.reconcile.findings import (
 )
 from arl_fixtures.reconcile.fit import Fit, finish, fit
 from arl_fixtures.reconcile.followed import followed_law
+from arl_fixtures.reconcile.free_constants import constant_z
 from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.law_of_rest import law_of_rest
 from arl_fixtures.reconcile.law_search import search_law
@@ -48,15 +49,17 @@ from arl_fixtures.reconcile.rivals import (
     mends_the_same,
     needed_by_law,
     pictures_beside,
+    plain_change,
     plain_gain,
     says_the_same,
     share_beside,
 )
 from arl_fixtures.reconcile.roles import Role
-from arl_fixtures.reconcile.search import Found, Search, constant_z
+from arl_fixtures.reconcile.search import Found, Search
 from arl_fixtures.reconcile.steadiness import is_unsteady
 from arl_fixtures.reconcile.step_means import acts_within_steps, leaves_other_rows, left_in_steps
 from arl_fixtures.reconcile.terms import Term, forward
+from arl_fixtures.reconcile.unit_conditions import law_of_units
 
 LEAST_ENERGY = 1.0
 """Squared standard errors by which an effect must move a channel to act in it."""
@@ -248,8 +251,11 @@ class Decision:
         base = d.fit_scatter(d.residual(bare))[0]
         price = PRICE * sum(len(t.free()) for t in acting)
         named = d.fit_scatter(d.residual(own))[0] - base - price
-        # free scatters of pixels or steps hide most of a gain
+        # free scatters of pixels or steps hide most of a gain, unless the law changes as much
         plain = sum(plain_gain(self.problem, self.best.terms, t) for t in acting)
+        lawful = law.correction(self.found.looker.features, bare[d.channel.name])
+        if plain_change(d, lawful) > plain_change(d, own[d.channel.name] - bare[d.channel.name]):
+            plain = 0.0
         edges = lies_where_names_act(self.problem, d, acting, self.terms)
         needed = needed_by_law(named, plain, acting, law.drivers, at_edges=edges)
         return chosen.z > LEAST_Z and chosen.likelier > needed
@@ -287,7 +293,7 @@ class Decision:
                 except np.linalg.LinAlgError as error:  # costs this law, not the answer
                     self.search.failed[f"law of {name}"] = f"was not found: {error}"
                     continue
-                law = law or (None if acted else self.fallen.get(name))
+                law = law or (None if acted else self.fallen.get(name) or law_of_units(self.problem, d, state))
                 # trees beside a name only mend its shape, and so does what says the same in other words
                 if law is None or (acted and (not law.terms or says_the_same(acting, law.drivers))):
                     continue

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from arl_fixtures.reconcile.acceptance import MISFIT_SHARE
+from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.law_search import search_law
 from arl_fixtures.reconcile.locate import locate
 from arl_fixtures.reconcile.patterns import Pattern
@@ -155,6 +156,14 @@ def plain_gain(problem: Problem, terms: Sequence[Term], term: Term) -> float:
             change = d.root_weight * d.expect * (moved[d.channel.name] - base[d.channel.name])[d.use]
             total += 0.5 * float(change @ change)
     return total
+
+
+def plain_change(d: ChannelData, change: FloatArray) -> float:
+    """Half the squares of a channel's change (of all rows) as independent rows count it, less units' constants."""
+    here = d.expect * change[d.use]
+    if d.calibrated:
+        here = here - d.scale * d.constants(here)[d.unit]
+    return 0.5 * float(np.sum((d.root_weight * here) ** 2))
 
 
 def has_other_place(looker: Looker, terms: Sequence[Term], pattern: Pattern) -> bool:

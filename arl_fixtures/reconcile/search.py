@@ -30,10 +30,11 @@ from arl_fixtures.reconcile.derived_rays import derive_rays
 from arl_fixtures.reconcile.effect import Effect, State
 from arl_fixtures.reconcile.effects_bench import is_zero_fitted
 from arl_fixtures.reconcile.fit import Fit, finish, fit, hold_back_edges
+from arl_fixtures.reconcile.free_constants import constant_z, constants_alone
 from arl_fixtures.reconcile.grouping import find_groups, typical_gaps
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.pixel_calibration import zero_fitted
-from arl_fixtures.reconcile.problem import ChannelData, Problem, carry_gains
+from arl_fixtures.reconcile.problem import Problem, carry_gains
 from arl_fixtures.reconcile.readings import smooth_readings
 from arl_fixtures.reconcile.robust import robust_gain
 from arl_fixtures.reconcile.sampling import draw_rows
@@ -303,16 +304,20 @@ class Search:
         if not shifted:
             return stage
         price = PRICE * sum(d.units for d in self.full.data if d.channel.name in shifted)
+        own = constants_alone(self.full, base.state, shifted)
         self._free_constants(shifted, free=False)
         bare = finish(self.full, fit(self.full, ()))
-        handicap = base.log_likelihood - price - bare.log_likelihood
+        handicap = max(base.log_likelihood - price - bare.log_likelihood, 0.0)  # constants that many earn little
         screening = screen(self.small, self.variants, ())
         other = self._round(bare, screening, chance)
         for r in other.ranked:
             r.gain -= handicap
             r.robust = min(r.robust, r.gain)
         best_before = stage.chosen.gain if stage.chosen is not None else 0.0
-        sure = [r for r in other.ranked if evidence(r, self.surcharge) > stage.threshold and r.gain > best_before]
+        sure = [
+            r for r in other.ranked if evidence(r, self.surcharge) > stage.threshold
+            and r.gain > max(best_before, stage.threshold + own.get(r.candidate.term.unit, -np.inf))
+        ]  # fmt: skip
         if not sure:
             self._free_constants(shifted, free=True)
             return stage
@@ -382,8 +387,3 @@ class Search:
 def _simplest(ranked: Ranked) -> tuple[int, float, str]:
     """Order of candidates that explain as much; equal ones in the order of their names, not of rounding errors."""
     return ranked.candidate.free, -round(ranked.gain, 1), ranked.candidate.term.effect.id
-
-
-def constant_z(d: ChannelData, state: State) -> float:
-    """Largest significance of a unit's constant gain or offset."""
-    return float(np.max(np.abs(d.constants(d.residual(state))) / d.constant_errors))

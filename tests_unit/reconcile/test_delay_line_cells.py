@@ -6,6 +6,8 @@ import pytest
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.rivals import plain_change
+from arl_fixtures.reconcile.search import Search
 from arl_fixtures.reconcile.table import columns_of
 from arl_fixtures.reconcile.view import View
 
@@ -49,3 +51,23 @@ def test_no_cell_has_less_than_no_length():
     order = np.argsort(view.sim["distance_m"], kind="stable")
     assert np.all(np.diff(state["distance_m"][order]) > -1e-12)
     assert np.ptp(state["distance_m"] - view.sim["distance_m"]) > 0.02
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_relay_that_adds_its_delay_beyond_a_distance_is_no_delay_line(seed):
+    """A jump at 4.5 m, which waves of half the range and a scale draw as well: they never come again."""
+    table = rail(seed, 0.0)
+    metres = table["true_range_m"] * 7.4 / 3.4
+    table["distance_m"] = table["distance_m"] - table["true_range_m"] + metres + 0.004 * (metres > 4.5)
+    table["true_range_m"] = table["sim_distance_m"] = metres
+    known = [library()[name] for name in ("timing.tdc_nonlinearity", "timing.clock_scale")]
+    found = diagnose(columns_of(pa.table(table)), effects=known)[0].findings
+    assert [(f.effect, f.drivers) for f in found] == [("unknown", ["true_range_m"])]
+
+
+def test_a_change_is_weighed_beside_the_constants_that_are_free():
+    table = columns_of(pa.table(rail(2, 0.12)))
+    (d,) = Search(table, []).full.data
+    slope = 1e-3 * table.numbers["true_range_m"]
+    assert plain_change(d, slope) > 0.0
+    assert plain_change(d, slope + 0.5) == pytest.approx(plain_change(d, slope), rel=1e-6)

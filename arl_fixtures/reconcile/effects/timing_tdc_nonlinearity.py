@@ -52,8 +52,12 @@ class TdcNonlinearity(Effect):
             if longest <= 1.05 * shortest:
                 continue
             starts = period_starts(shortest, longest, spread, most=40)
-            period = shape("period", unit_of(distance), 0.5 * shortest, 1.15 * longest, *starts)
             for harmonics in (1, HARMONICS):
+                most = 1.15 * longest if harmonics == 1 else 0.5 * spread  # a shape is one when it comes again
+                told = [start for start in starts if start < most]
+                if not told:
+                    continue
+                period = shape("period", unit_of(distance), 0.5 * shortest, most, *told)
                 waves = [
                     amplitude(name, unit_of(distance), -0.1 * reach, 0.1 * reach, 0.002 * size)
                     for order in range(1, harmonics + 1) for name in _names(order)

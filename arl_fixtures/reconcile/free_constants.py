@@ -1,0 +1,31 @@
+"""What units' constant gains and offsets tell, which are free while effects are sought."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from arl_fixtures.reconcile.acceptance import PRICE
+from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.problem import ChannelData, Problem
+from arl_fixtures.reconcile.screen import unit_labels
+
+
+def constant_z(d: ChannelData, state: State) -> float:
+    """Largest significance of a unit's constant gain or offset."""
+    return float(np.max(np.abs(d.constants(d.residual(state))) / d.constant_errors))
+
+
+def constants_alone(problem: Problem, state: State, channels: Sequence[str]) -> dict[str, float]:
+    """What the constants of one unit alone gain in channels, less their price, by the unit's label.
+
+    An effect in one unit only must do more than they: of many units one is always off by some constant.
+    """
+    gains = {label: 0.0 for label in unit_labels(problem)[1] if label}
+    for d in problem.data:
+        if d.channel.name in channels:
+            z = d.constants(d.residual(state)) / d.constant_errors
+            for label, square in zip(gains, z**2, strict=False):
+                gains[label] += 0.5 * float(square) - PRICE
+    return gains
