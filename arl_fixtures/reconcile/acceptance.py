@@ -31,6 +31,8 @@ LEAST_SCATTER = 0.03
 _SMALLEST = 1e-300
 SIDE_SHARE = 0.5
 """Share of a gain from which it lives on the side effects of others, and what it must be of what these gain there."""
+LEAST_MEANS = 0.2
+"""Share of what a mean's effect gains on scatters that it must gain on means, which tell more of it."""
 TWIN_GAIN, LEAST_ROBUST = 2.0, 0.1
 """Of candidates that differ by less in log-likelihood the one with fewest parameters is taken; where both move edges,
 as a test that allows for shared errors counts it, down to this share of the plain one."""
@@ -190,12 +192,12 @@ def _mends_side_effects(problem: Problem, ranked: Ranked) -> bool:
     """Whether a further effect lives on scatters that effects before it moved on the side.
 
     How a noise follows a signal is read off the table: what that leaves there calls for no name of other channels,
-    nor for one that is small beside it.
+    nor for one that is small beside it. Nor is an effect on means seen by scatters alone.
     """
     untouched, after = problem.view.fresh_state(), ranked.fit.state
     before = forward(ranked.fit.terms[:-1], problem.view)  # not the base: there scatters pull at what moves signals
     gains: dict[bool, float] = {True: 0.0, False: 0.0}
-    moved, plain, largest = 0.0, False, 0.0
+    moved, plain, largest, means, scatters = 0.0, False, 0.0, 0.0, 0.0
     for d in problem.data:
         name = d.channel.name
         if np.array_equal(after[name], before[name], equal_nan=True):
@@ -206,14 +208,18 @@ def _mends_side_effects(problem: Problem, ranked: Ranked) -> bool:
         side = scatter and before[name] is not untouched[name]
         if scatter:
             gains[side] += 0.5 * float(old @ old - new @ new)
+            scatters += 0.5 * float(old @ old - new @ new)
         else:
-            gains[False] += d.fit_scatter(d.residual(after))[0] - d.fit_scatter(d.residual(before))[0]
+            means += d.fit_scatter(d.residual(after))[0] - d.fit_scatter(d.residual(before))[0]
         change = np.abs(after[name] - before[name])[d.use]
         share = change / np.maximum(np.abs(before[name][d.use]), _SMALLEST)
         largest = max(largest, float(np.quantile(share, 0.95)))
         if side:
             first = d.whiten(d.residual(untouched))
             moved += 0.5 * float(first @ first - old @ old)
+    if plain and means < LEAST_MEANS * scatters:
+        return True
+    gains[False] += means
     if gains[True] <= SIDE_SHARE * (gains[True] + max(gains[False], 0.0)):
         return False
     return plain or gains[True] < SIDE_SHARE * moved or largest < 2.0 * LEAST_SCATTER

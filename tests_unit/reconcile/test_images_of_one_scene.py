@@ -1,11 +1,16 @@
 """A camera that does not move: pixels and conditions are told by images, of which steps may have few."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pyarrow as pa
 
+from arl_fixtures.reconcile.acceptance import is_misfit
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.search import Search
 from arl_fixtures.reconcile.table import columns_of
+from arl_fixtures.reconcile.terms import Term, default_values, forward
 
 
 def camera(seed, *, steps, images, change):
@@ -66,3 +71,20 @@ def test_a_faint_pattern_of_pixels_is_told_from_none():
     names = ("detector.pixel_response", "optics.vignetting")
     assert said(camera(6, steps=4, images=6, change=uneven(0.0006)), *names) == ["detector.pixel_response"]
     assert said(camera(6, steps=4, images=6, change=uneven(0.0)), *names) == []
+
+
+def test_an_effect_on_means_is_not_seen_by_scatters_alone():
+    """Frames scatter as they would under a wide glare of the scene; in one table their means hold it as well."""
+    effect = library()["optics.veiling_glare"]
+    for share, seen in ((1.0, True), (0.0, False)):
+
+        def glaring(columns, light, noise, _rng, share=share):
+            veil = 0.4 * np.bincount(columns["image"].astype(int), light)[columns["image"].astype(int)] / 192.0
+            return light + share * veil, 2.0 + 0.3 * np.sqrt(light + veil)
+
+        problem = Search(camera(8, steps=4, images=6, change=glaring), [effect]).full
+        variant = next(v for v in effect.variants(problem.view))
+        term = Term(effect=effect, variant=variant, values={**default_values(variant), "share": 0.4})
+        state = forward((term,), problem.view)
+        ranked = SimpleNamespace(fit=SimpleNamespace(terms=(term,), state=state), gain=9.0)
+        assert is_misfit(problem, SimpleNamespace(terms=()), ranked, {}) is not seen
