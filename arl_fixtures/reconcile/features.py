@@ -27,7 +27,8 @@ def features_of(view: View) -> dict[str, FloatArray]:
     own), `~before(X)` (frame taken before over own), `~frame(X)` (mean of the image over own), `~parity(pixel_u)`,
     `~within(time_s)` (since the step's first row), `~radius(field)` and `~twist(field)` (see `_field`).
     """
-    found: dict[str, FloatArray] = {name: view.number(name) for name in view.covariates() if name != "n_frames"}
+    logged = view.columns.numbers  # as read: what a law finds without physics may follow the readings
+    found: dict[str, FloatArray] = {name: logged[name][view.rows] for name in view.covariates() if name != "n_frames"}
     for name in sorted(view.columns.categories):
         if view.labels(name):
             codes, labels = view.codes(name)
