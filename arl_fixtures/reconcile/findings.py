@@ -241,8 +241,10 @@ def size_of_tables(term: LawTerm) -> float:
 
 def _nearest(decision: Decision, channel: str) -> list[Alternative]:
     """What of the library came nearest in a channel, with the share it would explain."""
-    ceiling_gain = max(decision.found.before[channel].gain, 1.0)
+    ceiling_gain = decision.found.before[channel].gain
     near: list[Alternative] = []
+    if ceiling_gain <= 1.0:
+        return near  # what is told by units' constants alone leaves columns nothing to predict
     for stage in decision.found.stages[:1]:
         for r in stage.ranked:
             effect = r.fit.terms[-1].effect.id

@@ -33,6 +33,8 @@ from arl_fixtures.reconcile.view import View
 NAMED_BLOCKS = 4
 """Blocks of a fold that are named."""
 
+LEAST_CONSTANT = 1e-4
+"""Share of a row's noise below which a unit's constant is not listed."""
 FAR_Z, FEW = 10.0, 0.01
 """So few rows so many standard errors off are outliers, not a mismatch."""
 
@@ -122,11 +124,12 @@ class _Maker:
         return made
 
     def constants(self) -> list[tuple[str, str, str]]:
-        """Channel, unit and calibration constant."""
+        """Channel, unit and calibration constant, those that are none to speak of left out."""
         return [
             (d.channel.name, unit or "all rows", words.constant(value, d.channel))
             for d in self.decision.problem.data
             for unit, value in sorted(self.diagnosis.constants.get(d.channel.name, {}).items())
+            if abs(value) * float(np.median(d.scale)) > LEAST_CONSTANT * float(np.median(d.stated))
         ]
 
     def facts(self) -> list[tuple[str, str]]:
@@ -222,7 +225,8 @@ class _Maker:
                 continue
             text = _size_text(m.data, moved)
             if text:
-                lead = "Beyond what calibration would take away, in" if m.data.calibrated else "In"
+                apart = m.moves_units_only(moved / m.data.scale)
+                lead = "In" if apart else "Beyond what calibration would take away, in"
                 made.append((lead, name, text))
         return made
 

@@ -102,10 +102,17 @@ class Mismatch:
         return np.asarray((total / self._unit_weight)[self.data.unit])
 
     def change(self, before: State, after: State) -> FloatArray:
-        """What moves between two simulations, without a constant per unit, in the channel's unit."""
+        """What moves between two simulations in the channel's unit, less units' constants if it is more."""
         name, use = self.data.channel.name, self.data.use
         moved = (after[name] - before[name])[use] / self.data.scale
-        return (moved - self._constants(moved) if self.data.calibrated else moved) * self.data.scale
+        return (moved if self.moves_units_only(moved) else moved - self._constants(moved)) * self.data.scale
+
+    def moves_units_only(self, moved: FloatArray) -> bool:
+        """Whether a change (over the channel's scale) is but a constant in each unit; or none of these are free."""
+        if not self.data.calibrated:
+            return True
+        beyond = moved - self._constants(moved)
+        return float(np.nanmax(np.abs(beyond), initial=0.0)) < 1e-6 * float(np.nanmax(np.abs(moved), initial=0.0))
 
     def profile(self, code: IntArray, count: int) -> Profile:
         """Mean mismatch of each bin.
