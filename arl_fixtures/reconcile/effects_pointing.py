@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.effect import State, Variant
+from arl_fixtures.reconcile.effects_bench import is_sharp
 from arl_fixtures.reconcile.effects_common import FloatArray, distances, light_channels, per_view, set_light, signals
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illumination, log_profile
 from arl_fixtures.reconcile.effects_rays import Pose
@@ -87,9 +90,27 @@ def scanned_channels(view: View) -> tuple[str, ...]:
     return tuple(dict.fromkeys([*distances(view), *lit]))
 
 
-def turn_stage(view: View, state: State, turn_deg: FloatArray | float) -> None:
-    """Let every row see what it would at stage angle + `turn_deg`."""
-    if not take_pose(view, state, Pose(turn_deg=turn_deg)):
+WHOLE_PIXELS = {"rays": "whole pixels"}
+"""Option of a displacement that pixels see by their whole areas, though the simulation looks through sharp rays."""
+
+
+def ways_of_looking(view: View) -> tuple[dict[str, Any], ...]:
+    """Options of the ways in which a displacement may show: through the simulation's rays, and by whole pixels.
+
+    A simulation through a few sharp rays changes only where one crosses an edge. In a recording every pixel at an
+    edge changes, by the share of its area that the edge passes over, however little the sensor has moved.
+    """
+    return ({}, WHOLE_PIXELS) if is_sharp(view) else ({},)
+
+
+def by_whole_pixels(variant: Variant) -> bool:
+    """Whether a displacement is tried as the pixels' whole areas would see it."""
+    return variant.options.get("rays") == WHOLE_PIXELS["rays"]
+
+
+def turn_stage(view: View, state: State, turn_deg: FloatArray | float, *, whole: bool = False) -> None:
+    """Let every row see what it would at stage angle + `turn_deg`; see `take_pose` for `whole`."""
+    if not take_pose(view, state, Pose(turn_deg=turn_deg), whole=whole):
         found = scene(view)
         point_elsewhere(view, state, turn=(1.0 if found is None else found.sign) * turn_deg)
 
@@ -100,6 +121,7 @@ def take_pose(
     pose: Pose,
     *,
     beam_moves: tuple[FloatArray | float, FloatArray | float] = (0.0, 0.0),
+    whole: bool = False,
 ) -> bool:
     """Let every row see the bench in another pose, where the table's simulation is a bench that can be rendered.
 
@@ -108,15 +130,17 @@ def take_pose(
         state: its signals and distances are replaced.
         pose: arrays by row.
         beam_moves: how the rays' azimuth and elevation move within the illumination (a changed lens), degrees.
+        whole: whether pixels see by their whole area what moves; what the simulation's rays miss of it stays missed.
 
     Returns:
         Whether it was rendered; where not, nothing has changed.
     """
-    there, here = rendered(view, pose), rendered(view)
-    if there is None or here is None:
+    there, here, simulated = rendered(view, pose, whole=whole), rendered(view, whole=whole), rendered(view)
+    if there is None or here is None or simulated is None:
         return False
     _set_seen(view, state, {
-        name: seen - here[name] if name in distances(view) else seen / here[name] for name, seen in there.items()
+        name: seen - here[name] if name in distances(view) else 1.0 + (seen - here[name]) / simulated[name]
+        for name, seen in there.items()
     }, *beam_moves)  # fmt: skip
     return True
 

@@ -22,23 +22,38 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _MOST_KEPT = 12_000_000  # numbers: 100 MB
-_FINE, _MOST_FOOTPRINTS = 5, 20
+_SOFT, _FINE, _MOST_FOOTPRINTS = 3, 5, 20
 _WIDEST_PX = 2
 _TAPS = tuple((du, dv) for du in range(-_WIDEST_PX, _WIDEST_PX + 1) for dv in range(-_WIDEST_PX, _WIDEST_PX + 1))
 
 
-def rendered(view: View, pose: Pose = NOMINAL) -> dict[str, FloatArray] | None:
+def rendered(view: View, pose: Pose = NOMINAL, *, whole: bool = False) -> dict[str, FloatArray] | None:
     """Relative light and range of the rows under work in a pose (its arrays given by row), by channel.
+
+    Args:
+        view: rows under work.
+        pose: of the sensor.
+        whole: whether a pixel sees the mean over all of its area, though the simulation looks through sharp rays.
 
     Returns:
         Signals in a unit of their own, distances in theirs; None where nothing can be rendered.
     """
-    bench = bench_of(view)
+    bench = _softened(view) if whole else bench_of(view)
     if bench is None:
         return None
     if pose is NOMINAL:
-        return per_view(view, "rendered here", lambda: _by_channel(view, bench, *_kept(view, bench, NOMINAL)))
+        here = ("rendered here", whole)
+        return per_view(view, here, lambda: _by_channel(view, bench, *_kept(view, bench, NOMINAL)))
     return _by_channel(view, bench, *_kept(view, bench, pose))
+
+
+def _softened(view: View) -> Bench | None:
+    """The bench seen through beamlets that fill the pixels between them."""
+    bench = bench_of(view)
+    if bench is None or not bench.sharp:
+        return bench
+    soft = replace(bench.optics, rays=_SOFT, soft_rad=1.0 / (_SOFT * bench.optics.camera.fx))
+    return per_view(view, "softened bench", lambda: replace(bench, optics=soft))
 
 
 def _kept(view: View, bench: Bench, pose: Pose) -> tuple[FloatArray, FloatArray]:
@@ -48,7 +63,7 @@ def _kept(view: View, bench: Bench, pose: Pose) -> tuple[FloatArray, FloatArray]
     of a search find room.
     """
     kept = per_view(view, "looks kept", dict[bytes, _Seen])
-    key = pose.digest()
+    key = pose.digest() + repr(bench.optics.soft_rad).encode()
     found = kept.get(key)
     if found is None:
         found = _rendered(view, bench, pose)
@@ -80,7 +95,8 @@ def _rendered(view: View, bench: Bench, pose: Pose) -> _Seen:
     if all(np.array_equal(value[first][back], value) for value in arrays):
         spots = per_view(view, "seen spots", lambda: bench.spots.take(numbers))
         usual = isinstance(pose.focal, float) and pose.focal == 1.0
-        rays = per_view(view, "seen rays", lambda: rays_of(bench.optics, spots)) if usual else None
+        through = ("seen rays", bench.optics.rays)
+        rays = per_view(view, through, lambda: rays_of(bench.optics, spots)) if usual else None
         light, moment = look(bench.optics, spots, pose.on(first), rays)
         return _Seen(light=light, moment=moment, back=back)
     first, back = _sights(back, arrays)

@@ -19,6 +19,7 @@ from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.derived_rays import as_the_table_says
 from arl_fixtures.reconcile.direct import loss, outwards, undiminished
 from arl_fixtures.reconcile.effect import Effect, Kind, State, Variant
+from arl_fixtures.reconcile.effects_pointing import by_whole_pixels
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.terms import Term, beside, default_values, forward
 
@@ -215,6 +216,8 @@ def screen(
             continue
         if variant.rough and any(term.variant.rough for term in others):
             continue  # what one displacement leaves at edges is its own error, not a second one
+        if _looks_elsewhere(effect, variant) and any(_looks_elsewhere(t.effect, t.variant) for t in others):
+            continue
         alone = restricted and not effect.shared
         best: dict[str, Candidate] = {}
         for shapes in starts_of(variant):
@@ -254,6 +257,11 @@ def screen(
         candidates=tuple(found), chance=np.sort(best_by_chance), wide=np.sort(best_by_search),
         alone=np.sort(best_alone),
     )  # fmt: skip
+
+
+def _looks_elsewhere(effect: Effect, variant: Variant) -> bool:
+    """Whether a variant moves rays over the edges of a simulation that looks through a few sharp ones."""
+    return effect.displaces and (variant.rough or by_whole_pixels(variant))
 
 
 def _rough(

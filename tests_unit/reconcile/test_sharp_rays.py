@@ -8,6 +8,7 @@ from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.direct import loss, refine
 from arl_fixtures.reconcile.effects_bench import bench_of, is_sharp
 from arl_fixtures.reconcile.effects_camera import cameras_of
+from arl_fixtures.reconcile.effects_pointing import by_whole_pixels
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.fit import fit, hold_back_edges, steady_jacobian
 from arl_fixtures.reconcile.problem import Problem
@@ -48,10 +49,10 @@ def test_a_bench_without_targets_is_not_taken_for_the_nominal_one():
     assert bench_of(View(table(panels=False))) is None
 
 
-def candidates(columns, effect):
+def candidates(columns, effect, *, ways=(False,)):
     problem = Problem(columns)
-    kinds = [(library()[effect], v) for v in library()[effect].variants(problem.view)]
-    return problem, screen(problem, kinds, with_chance=True)
+    variants = [v for v in library()[effect].variants(problem.view) if by_whole_pixels(v) in ways]
+    return problem, screen(problem, [(library()[effect], v) for v in variants], with_chance=True)
 
 
 def test_a_zero_offset_is_found_though_a_derivative_sees_no_ray_cross():
@@ -63,6 +64,30 @@ def test_a_zero_offset_is_found_though_a_derivative_sees_no_ray_cross():
     assert zero == pytest.approx(0.065, abs=0.02)
     width = 2.0 / np.linalg.norm(steady_jacobian(problem, fitted)[:, 0])
     assert abs(zero - 0.065) < width < 0.05
+
+
+@pytest.mark.parametrize(
+    ("effect", "real", "name", "size"),
+    [
+        ("stage.zero_offset", {"turn_deg": 0.01}, "zero", 0.01),
+        ("stage.eccentricity", {"forward_m": 0.0006}, "forward", 0.0006),
+        ("mount.tilt", {"tilt_deg": (0.0, 0.03, 0.0)}, "pitch", 0.03),
+    ],
+)
+def test_what_no_sharp_ray_shows_is_found_by_what_whole_pixels_see(effect, real, name, size):
+    problem, found = candidates(table(whole=True, **real), effect, ways=(False, True))
+    best = found.candidates[0]
+    assert by_whole_pixels(best.term.variant)
+    assert best.gain > 3.0 * found.threshold(0.99)
+    assert all(c.gain < 0.5 * best.gain for c in found.candidates if not by_whole_pixels(c.term.variant))
+    assert fit(problem, [best.term]).terms[0].values[name] == pytest.approx(size, rel=0.2)
+
+
+def test_only_one_displacement_is_tried_at_the_edges_of_sharp_rays():
+    problem, found = candidates(table(turn_deg=0.065), "stage.zero_offset")
+    kinds = [(library()["mount.tilt"], v) for v in library()["mount.tilt"].variants(problem.view)]
+    assert len(kinds) == 2
+    assert screen(problem, kinds, [found.candidates[0].term]).candidates == ()
 
 
 def test_trials_find_nothing_where_nothing_is_displaced():

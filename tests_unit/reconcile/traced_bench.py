@@ -10,14 +10,15 @@ LIGHT, RANGE = "intensity_counts", "distance_m"
 STRIPES = ((7.5, 0.18), (0.0, 0.50), (-7.5, 0.80))
 BOARDS = (45.0, -45.0)
 THIRDS = (-1 / 3, 0.0, 1 / 3)
+FIFTEENTHS = tuple((np.arange(15) - 7.0) / 15.0)
 
 
-def trace(u, v, stage_deg, height_m, *, fx=58.1, tilt_deg=(0.0, 0.0, 0.0), forward_m=0.0, panels=True):
-    """Light and range of pixels: yaw to the right, pitch up and roll clockwise in `tilt_deg`."""
+def trace(u, v, stage_deg, height_m, *, fx=58.1, tilt_deg=(0.0, 0.0, 0.0), forward_m=0.0, panels=True, places=THIRDS):
+    """Light and range of pixels: yaw right, pitch up and roll clockwise in `tilt_deg`; `places` of its rays."""
     lights, moments = np.zeros(u.size), np.zeros(u.size)
     yaw, pitch, roll = np.radians(tilt_deg)
-    for du in THIRDS:
-        for dv in THIRDS:
+    for du in places:
+        for dv in places:
             x, y = (u + du - 63.5) / fx, (v + dv - 15.5) / 66.0
             grow = 2.0 / (1.0 + np.sqrt(1.0 - 4.0 * 0.198 * (x * x + y * y)))
             x, y, z = x * grow, y * grow, np.ones(u.size)
@@ -26,8 +27,8 @@ def trace(u, v, stage_deg, height_m, *, fx=58.1, tilt_deg=(0.0, 0.0, 0.0), forwa
             y, z = np.cos(pitch) * y - np.sin(pitch) * z, np.sin(pitch) * y + np.cos(pitch) * z
             x, z = np.cos(yaw) * x + np.sin(yaw) * z, -np.sin(yaw) * x + np.cos(yaw) * z
             light, far = one_ray(np.arctan2(x, z), -y, np.radians(stage_deg), height_m, forward_m, panels)
-            lights += light / 9.0
-            moments += light * far / 9.0
+            lights += light / len(places) ** 2
+            moments += light * far / len(places) ** 2
     return lights, moments / lights
 
 
@@ -59,8 +60,11 @@ def one_ray(azimuth, up, stage, height_m, forward_m, panels):
     return rho * cosine / far**2, far
 
 
-def table(*, seed=3, height_m=0.10, turn_deg=0.0, noise=True, angles=41, pixels=24, **real):
-    """Strewn pixels over a fine sweep in three steps: nominal simulation, `real` bench as measured."""
+def table(*, seed=3, height_m=0.10, turn_deg=0.0, noise=True, angles=41, pixels=24, whole=False, **real):
+    """Strewn pixels over a fine sweep in three steps: nominal simulation, `real` bench as measured.
+
+    With `whole` the measured light moves as the pixels' areas see it, though the simulation has nine rays.
+    """
     rng = np.random.default_rng(seed)
     flat = rng.choice(122 * 26, size=pixels, replace=False)
     axes = np.meshgrid(np.arange(3), np.linspace(-18.0, 18.0, angles), np.arange(pixels), indexing="ij")
@@ -69,6 +73,13 @@ def table(*, seed=3, height_m=0.10, turn_deg=0.0, noise=True, angles=41, pixels=
     own = {name: real[name] for name in ("fx", "panels") if name in real}
     sim_light, sim_far = trace(u, v, stage, height_m, **own)
     light, far = trace(u, v, stage + turn_deg, height_m, **real)
+    if whole:
+        first = step == 0  # steps repeat what is seen
+        (here, near), (there, away) = (
+            trace(u[first], v[first], stage[first] + turn, height_m, places=FIFTEENTHS, **other)
+            for turn, other in ((0.0, own), (turn_deg, real))
+        )
+        light, far = sim_light + np.tile(there - here, 3), sim_far + np.tile(away - near, 3)
     x, y = (u - 63.5) / real.get("fx", 58.1), (v - 15.5) / 66.0
     grow = 2.0 / (1.0 + np.sqrt(1.0 - 4.0 * 0.198 * (x * x + y * y)))
     azimuth = np.degrees(np.arctan(x * grow))

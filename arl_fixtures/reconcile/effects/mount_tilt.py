@@ -10,7 +10,13 @@ from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_bench import bench_of, is_sharp
 from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, per_view
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation
-from arl_fixtures.reconcile.effects_pointing import point_elsewhere, scanned_channels, take_pose
+from arl_fixtures.reconcile.effects_pointing import (
+    by_whole_pixels,
+    point_elsewhere,
+    scanned_channels,
+    take_pose,
+    ways_of_looking,
+)
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.effects_room import room_of
 from arl_fixtures.reconcile.effects_scene import scene
@@ -39,18 +45,20 @@ class Tilt(Effect):
             return
         known = found.pitch_deg > 0.0 or bench_of(view) is not None or room_of(view, found.sign) is not None
         turns = _TURNS if known else _TURNS[:1]
-        yield Variant(
-            effect=self.id,
-            parameters=tuple(amplitude(name, "deg", -5.0, 5.0, 0.1) for name in turns),
-            channels=scanned_channels(view),
-            rough=is_sharp(view),
-            drivers=tuple(name for name in ("azimuth_deg", "elevation_deg") if view.varies(name)),
-        )
+        for way in ways_of_looking(view):
+            yield Variant(
+                effect=self.id,
+                options=way,
+                parameters=tuple(amplitude(name, "deg", -5.0, 5.0, 0.1) for name in turns),
+                channels=scanned_channels(view),
+                rough=is_sharp(view) and not way,
+                drivers=tuple(name for name in ("azimuth_deg", "elevation_deg") if view.varies(name)),
+            )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Looks the scene up along the turned rays."""
         yaw, pitch, roll = (float(values.get(name, 0.0)) for name in _TURNS)
-        if take_pose(view, state, Pose(tilt_deg=(yaw, pitch, roll))):
+        if take_pose(view, state, Pose(tilt_deg=(yaw, pitch, roll)), whole=by_whole_pixels(variant)):
             return
         if pitch == 0.0 and roll == 0.0:
             point_elsewhere(view, state, turn=yaw)

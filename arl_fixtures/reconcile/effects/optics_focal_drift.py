@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import product
 
 import numpy as np
 
@@ -22,7 +23,13 @@ from arl_fixtures.reconcile.effects_common import (
     temperature_drivers,
 )
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, ray_column
-from arl_fixtures.reconcile.effects_pointing import point_elsewhere, scanned_channels, take_pose
+from arl_fixtures.reconcile.effects_pointing import (
+    by_whole_pixels,
+    point_elsewhere,
+    scanned_channels,
+    take_pose,
+    ways_of_looking,
+)
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.view import View
@@ -46,14 +53,15 @@ class FocalDrift(Effect):
         if not view.varies("azimuth_deg") or scene(view) is None:
             yield from _triangulated(self.id, view)
             return
-        for column in temperature_drivers(view, "lens_temperature_c", "housing_temperature_c", limit=2):
+        columns = temperature_drivers(view, "lens_temperature_c", "housing_temperature_c", limit=2)
+        for column, way in product(columns, ways_of_looking(view)):
             most = min(0.3 / span(view, column), 0.01)
             yield Variant(
                 effect=self.id,
-                options={"temperature": column, "reference": reference(view, column)},
+                options={"temperature": column, "reference": reference(view, column), **way},
                 parameters=(amplitude("drift", "1/K", -most, most, 1e-4),),
                 channels=scanned_channels(view),
-                rough=is_sharp(view),
+                rough=is_sharp(view) and not way,
                 drivers=(column, "azimuth_deg"),
             )
 
@@ -67,7 +75,8 @@ class FocalDrift(Effect):
         warm = float(values["drift"]) * excess(view, variant, str(variant.options["temperature"]))
         across, along = per_view(view, "field terms", lambda: _terms(view))
         turn, lift = -warm * across, -warm * along
-        if not take_pose(view, state, Pose(focal=1.0 + warm), beam_moves=(turn, lift)):
+        whole = by_whole_pixels(variant)
+        if not take_pose(view, state, Pose(focal=1.0 + warm), beam_moves=(turn, lift), whole=whole):
             point_elsewhere(view, state, turn=turn, lift=lift, beam_turns=False)
 
     def expression(self, variant: Variant) -> str:

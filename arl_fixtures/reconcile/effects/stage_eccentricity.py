@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import product
 
 import numpy as np
 
@@ -18,7 +19,14 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
 )
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation
-from arl_fixtures.reconcile.effects_pointing import look_from, point_elsewhere, scanned_channels, take_pose
+from arl_fixtures.reconcile.effects_pointing import (
+    by_whole_pixels,
+    look_from,
+    point_elsewhere,
+    scanned_channels,
+    take_pose,
+    ways_of_looking,
+)
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.roles import unit_of
@@ -44,22 +52,22 @@ class Eccentricity(Effect):
             return
         unit = unit_of(distances(view)[0])
         size = 1e3 if unit == "mm" else 1.0
-        for frame in ("bench", "sensor"):
+        for frame, way in product(("bench", "sensor"), ways_of_looking(view)):
             if frame == "sensor" and not view.varies("azimuth_deg"):
                 continue
             yield Variant(
                 effect=self.id,
-                options={"frame": frame},
+                options={"frame": frame, **way},
                 parameters=tuple(amplitude(name, unit, -0.1 * size, 0.1 * size, 0.002 * size) for name in _AXES),
                 channels=scanned_channels(view),
-                rough=is_sharp(view),
+                rough=is_sharp(view) and not way,
                 drivers=("stage_angle_deg", "azimuth_deg")[: 2 if view.varies("azimuth_deg") else 1],
             )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Moves the point of view."""
         forward, right = (float(values[name]) for name in _AXES)
-        if take_pose(view, state, _pose(variant, view, forward, right)):
+        if take_pose(view, state, _pose(variant, view, forward, right), whole=by_whole_pixels(variant)):
             return
         if look_from(view, state, *_in_the_room(variant, view, forward, right)):
             return

@@ -9,7 +9,7 @@ import numpy as np
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_bench import is_sharp
 from arl_fixtures.reconcile.effects_common import amplitude, period_starts, shape
-from arl_fixtures.reconcile.effects_pointing import scanned_channels, turn_stage
+from arl_fixtures.reconcile.effects_pointing import by_whole_pixels, scanned_channels, turn_stage, ways_of_looking
 from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.view import View
 
@@ -36,23 +36,25 @@ class PeriodicError(Effect):
         shortest, longest = 4.0 * float(np.median(np.diff(angles))), 1.5 * (high - low)
         if shortest >= 0.8 * longest:
             return
-        yield Variant(
-            effect=self.id,
-            parameters=(
-                amplitude("sine", "deg", -3.0, 3.0, 0.05),
-                amplitude("cosine", "deg", -3.0, 3.0, 0.05),
-                shape("period", "deg", shortest, longest, *period_starts(shortest, longest, high - low, most=24)),
-            ),
-            channels=scanned_channels(view),
-            rough=is_sharp(view),
-            drivers=("stage_angle_deg",),
-        )
+        for way in ways_of_looking(view):
+            yield Variant(
+                effect=self.id,
+                options=way,
+                parameters=(
+                    amplitude("sine", "deg", -3.0, 3.0, 0.05),
+                    amplitude("cosine", "deg", -3.0, 3.0, 0.05),
+                    shape("period", "deg", shortest, longest, *period_starts(shortest, longest, high - low, most=24)),
+                ),
+                channels=scanned_channels(view),
+                rough=is_sharp(view) and not way,
+                drivers=("stage_angle_deg",),
+            )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Looks the scene up at the true angle."""
         phase = 2.0 * np.pi / float(values["period"]) * np.nan_to_num(view.number("stage_angle_deg"))
         error = float(values["sine"]) * np.sin(phase) + float(values["cosine"]) * np.cos(phase)
-        turn_stage(view, state, error)
+        turn_stage(view, state, error, whole=by_whole_pixels(variant))
 
     def expression(self, variant: Variant) -> str:
         """The law."""

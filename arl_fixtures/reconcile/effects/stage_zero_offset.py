@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import product
 
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_bench import is_sharp
 from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, per_table
-from arl_fixtures.reconcile.effects_pointing import scanned_channels, turn_stage
+from arl_fixtures.reconcile.effects_pointing import by_whole_pixels, scanned_channels, turn_stage, ways_of_looking
 from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.view import View
 
@@ -29,22 +30,23 @@ class ZeroOffset(Effect):
         if not view.varies("stage_angle_deg") or scene(view) is None:
             return
         kinds = ("constant", "backlash") if np.unique(travel(view)[travel(view) != 0.0]).size > 1 else ("constant",)
-        for kind in kinds:
+        for kind, way in product(kinds, ways_of_looking(view)):
             yield Variant(
                 effect=self.id,
-                options={"kind": kind},
+                options={"kind": kind, **way},
                 parameters=(amplitude("zero" if kind == "constant" else "backlash", "deg", -3.0, 3.0, 0.05),),
                 channels=scanned_channels(view),
-                rough=is_sharp(view),
+                rough=is_sharp(view) and not way,
                 drivers=("stage_angle_deg",) if kind == "constant" else (*_direction(view), "stage_angle_deg"),
             )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Looks the scene up at the true angle."""
         if variant.options["kind"] == "constant":
-            turn_stage(view, state, float(values["zero"]))
-            return
-        turn_stage(view, state, 0.5 * float(values["backlash"]) * travel(view)[view.rows])
+            turn: FloatArray | float = float(values["zero"])
+        else:
+            turn = 0.5 * float(values["backlash"]) * travel(view)[view.rows]
+        turn_stage(view, state, turn, whole=by_whole_pixels(variant))
 
     def expression(self, variant: Variant) -> str:
         """The law."""
