@@ -1,7 +1,8 @@
-"""Where pixels look, in a table that does not say so but whose simulation is seen to be the nominal bench.
+"""Where pixels look, in a table that does not say so but whose simulation or rays are seen to be the nominal bench's.
 
 A table of pixels at stage angles need not carry their azimuth and elevation. Where light and range are those of the
-nominal bench (see `effects_bench`), its camera's are known. Effects see them as columns; laws and reports do not,
+nominal bench (see `effects_bench`), its camera's are known, and so they are where one of the two angles is given and
+is the nominal camera's in every pixel, whatever the scene. Effects see them as columns; laws and reports do not,
 for the table has none: there a pixel's own column stands for them.
 """
 
@@ -32,6 +33,7 @@ def derive_rays(columns: Columns, *, known: bool = False) -> bool:
         return False
     view = View(columns)
     bench = bench_of(view)
+    known |= len(lacking) < len(_STANDS_FOR)  # one angle of each pixel tells the nominal camera, whatever it sees
     cameras = [bench.optics.camera] if bench is not None else [*cameras_of(view)] if known else []
     if not cameras:
         return False

@@ -29,6 +29,8 @@ TRUST = 1e4
 """Weight of the samples against the scene's variation."""
 FLAT = 1e-3
 """Step between points, as a share of a curve's range, below which variation counts as a slope, not as an edge."""
+_EXPLAINED = 0.5
+"""Share of the step over a gap from which the slopes beside it count as what leads over it: the larger part."""
 
 
 def sharp_curve(bearing: FloatArray, values: FloatArray, width: float, at: FloatArray) -> FloatArray:
@@ -168,3 +170,56 @@ def cells_of(line: IntArray, bearing: FloatArray, width: FloatArray) -> Cells:
     joint = line[rows] * (int(place.max(initial=0)) + 1) + place
     code: IntArray = np.unique(joint, return_inverse=True)[1].astype(np.int64)
     return Cells(rows, line[rows], bearing[rows], code, wide)
+
+
+def with_edges(
+    line: IntArray,
+    bearing: FloatArray,
+    width: FloatArray,
+    values: dict[str, FloatArray],
+    curves: dict[str, FloatArray],
+    step_deg: float,
+) -> dict[str, FloatArray]:
+    """Curves with an edge where neither sample beside a gap wider than a pixel leads over to the other.
+
+    Rows of mixed pixels are often left out of a table: what is left beside the gap sees one surface by all of its
+    area, and a straight line to the next one would move its light however far the edge is. The mean over a pixel of
+    an edge between them is a ramp as wide as the pixel; it stands in the middle of the gap for want of better
+    knowledge. Slopes tell a gap in what changes gradually: their mean times the gap is then the step over it.
+
+    Args:
+        line, bearing, width: of every row: its curve, its bearing and the width of its pixel, degrees.
+        values: on all rows.
+        curves: straight between samples, (lines, points) each; step_deg: bearing between points.
+    """
+    good = np.all([np.isfinite(one) for one in values.values()], axis=0)
+    names = list(curves)
+    made = np.stack([curves[name] for name in names])
+    order = np.flatnonzero(good)
+    order = order[np.lexsort((bearing[order], line[order]))]
+    for rows in np.split(order, np.flatnonzero(np.diff(line[order])) + 1) if order.size else ():
+        index, x, pixel = int(line[rows[0]]), bearing[rows], float(np.median(width[rows]))
+        wide = np.flatnonzero(np.diff(x) > pixel)
+        if pixel <= 0.0 or not wide.size:  # columns that look the same way, or no gap
+            continue
+        raw = np.stack([values[name][rows] for name in names])
+        seen = raw / np.maximum(np.ptp(raw, axis=1, keepdims=True), 1e-12)
+        for place in wide.tolist():
+            first, last = float(x[place]), float(x[place + 1])
+            over = seen[:, place + 1] - seen[:, place]
+            before = _slope(x, seen, place, np.flatnonzero(x < first - 0.5 * pixel)[-1:])
+            after = _slope(x, seen, place + 1, np.flatnonzero(x > last + 0.5 * pixel)[:1])
+            slope = np.mean([*before, *after] or np.zeros((1, len(over))), axis=0)
+            if (last - first) * float(slope @ over) > _EXPLAINED * float(over @ over):
+                continue
+            cell = np.rint(x / step_deg).astype(np.int64)
+            near, far = int(cell[place]), int(cell[place + 1])
+            ends = [raw[:, cell == end].mean(axis=1, keepdims=True) for end in (near, far)]
+            at = step_deg * np.arange(near, far + 1) - 0.5 * (first + last)
+            made[:, index, near : far + 1] = ends[0] + np.clip(at / pixel + 0.5, 0.0, 1.0) * (ends[1] - ends[0])
+    return dict(zip(names, made, strict=True))
+
+
+def _slope(x: FloatArray, seen: FloatArray, place: int, others: IntArray) -> list[FloatArray]:
+    """Slope of each quantity between a sample and each other one."""
+    return [(seen[:, other] - seen[:, place]) / (x[other] - x[place]) for other in others]

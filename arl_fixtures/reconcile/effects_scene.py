@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effects_common import distances, per_table, signals
-from arl_fixtures.reconcile.effects_footprint import cells_of
+from arl_fixtures.reconcile.effects_footprint import cells_of, with_edges
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column
 from arl_fixtures.reconcile.effects_sweep import bend_of_sweeps
 from arl_fixtures.reconcile.view import View
@@ -94,6 +94,8 @@ def _make_scene(view: View) -> Scene | None:
     if weight is not None:  # light and light-weighted range are straight lines across an edge, the range is not
         flat |= {name: _extended(line, bearing, flat[name]) * weight for name in distances(view)}
     curves = {name: curves_over_bearing(line, bearing / step, values, lines) for name, values in flat.items()}
+    if moving and rays and "pixel_u" in table.numbers:
+        curves = with_edges(line, bearing, pixel_width(view), flat, curves, step)
     patchy = np.zeros(table.n, dtype=bool)
     if weight is not None:
         bend = bend_of_sweeps(view) * weight

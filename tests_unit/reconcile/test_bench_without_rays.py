@@ -48,6 +48,18 @@ def test_rays_that_a_table_lacks_are_those_of_its_bench():
     assert not derive_rays(without_rays(table(panels=False)))
 
 
+@pytest.mark.parametrize("lost", ["azimuth_deg", "elevation_deg"])
+def test_one_angle_of_the_nominal_camera_tells_the_other_whatever_the_scene(lost):
+    given_rays, bare = table(panels=False), table(panels=False)
+    del bare.numbers[lost]
+    assert derive_rays(bare)
+    assert list(bare.derived) == [lost]
+    np.testing.assert_allclose(bare.derived[lost], given_rays.numbers[lost], atol=1e-6)
+    another = table(panels=False, fx=59.0)
+    del another.numbers[lost]
+    assert not derive_rays(another)
+
+
 def test_drivers_are_columns_of_the_table():
     bare = without_rays(table())
     derive_rays(bare)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from rendered_bench import Camera, bench, corrected, left_over, render, variant_of
 
+from arl_fixtures.reconcile import effects_render
 from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.effects import optics_defocus
 from arl_fixtures.reconcile.view import View
@@ -62,6 +63,23 @@ def test_eccentricity_reproduces_a_displaced_origin(frame):
     assert np.abs(view.number(RANGE) - view.sim[RANGE])[pure].max() > 3.0e-3
     assert np.quantile(np.abs(error[pure]), 0.95) < 0.1e-3
     assert np.sum(error[inner] ** 2) < 0.05 * np.sum((view.number(RANGE) - view.sim[RANGE])[inner] ** 2)
+
+
+def test_a_displaced_origin_leaves_pure_pixels_alone_where_mixed_ones_were_left_out(monkeypatch):
+    monkeypatch.setattr(effects_render, "bench_of", lambda _view: None)  # as if another scene
+    columns = bench(Camera(right_m=-0.004), angles=(-12.0, 12.0, 25), columns=(34, 94, 5), rows=(6, 24, 9), steps=1)
+    where = [columns.numbers[name] for name in ("pixel_u", "pixel_v", "stage_angle_deg")]
+    turned = [render(*where[:2], where[2] + turn) for turn in (-0.4, 0.0, 0.4)]
+    pure = ~np.any([one["mixed"] for one in turned], axis=0)
+    codes, labels = columns.categories["surface"]
+    columns = Columns(
+        n=int(pure.sum()), numbers={name: values[pure] for name, values in columns.numbers.items()},
+        categories={"surface": (codes[pure], labels)}, channels=columns.channels,
+    )  # fmt: skip
+    view = View(columns)
+    state = corrected(view, variant_of(view, "stage.eccentricity", frame="sensor"), right=-0.004)
+    assert left_over(view, state, RANGE) < 0.01
+    assert left_over(view, state, LIGHT) < 0.05
 
 
 def test_periodic_error_follows_the_stage_angle():

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from arl_fixtures.reconcile.effects_footprint import cells_of, sharp_curve
+from arl_fixtures.reconcile.effects_footprint import cells_of, sharp_curve, with_edges
+from arl_fixtures.reconcile.effects_scene import curves_over_bearing
 
 WIDTH_DEG = 2.0
 
@@ -60,3 +61,36 @@ def test_pixels_far_narrower_than_their_distance_tell_nothing_of_what_lies_betwe
     straight = {"light": np.ones((1, 5))}
     assert cells.width.tolist() == [0.0]
     assert cells.curves(straight, {"light": np.ones(20)}, 1.0) is straight
+
+
+def curve_of(bearing, values, step=0.05):
+    """The curve through the samples of one line, straight between them and with edges in the gaps."""
+    line, place = np.zeros(bearing.size, dtype=np.int64), bearing / step
+    straight = {name: curves_over_bearing(line, place, row, 1) for name, row in values.items()}
+    return straight, with_edges(line, bearing, np.full(bearing.size, WIDTH_DEG), values, straight, step)
+
+
+def test_an_edge_whose_mixed_pixels_were_left_out_does_not_move_the_light_of_pure_ones():
+    bearing = np.sort(np.random.default_rng(4).uniform(0.0, 30.0, 300))
+    edges = np.array([3.3, 11.7])
+    bearing = bearing[np.abs(bearing[:, None] - edges).min(axis=1) > 0.6 * WIDTH_DEG]
+    straight, made = curve_of(bearing, {"light": seen(bearing), "moment": 1.5 * seen(bearing)})
+    place = np.arange(made["light"].size) * 0.05
+    beside = np.abs(np.abs(place[:, None] - edges).min(axis=1) - 0.6 * WIDTH_DEG) < 0.1  # a small turn into the gap
+    wrong, right = (np.abs(found["light"][0] - seen(place))[beside] for found in (straight, made))
+    assert right.max() < 0.1 * wrong.max()
+    np.testing.assert_allclose(made["moment"], 1.5 * made["light"], rtol=1e-9)  # one edge, common to all
+    crossed = np.interp(edges, place, made["light"][0])
+    assert crossed == pytest.approx(seen(edges), abs=0.2)  # within a quarter of the gap about its middle
+
+
+@pytest.mark.parametrize(
+    "law", [lambda x: 0.1 * x, lambda x: np.sin(x / 12.0), lambda x: 1.0 + 0.002 * (x - 15) ** 2]
+)
+def test_a_gap_in_what_changes_gradually_is_no_edge(law):
+    bearing = np.concatenate([np.arange(0.0, 11.0, 0.3), np.arange(16.0, 30.0, 0.3)])
+    straight, made = curve_of(bearing, {"light": law(bearing)})
+    np.testing.assert_array_equal(made["light"], straight["light"])
+    few = np.arange(0.0, 30.0, 5.0)  # nor are samples that all lie far apart
+    straight, made = curve_of(few, {"light": 0.1 * few})
+    np.testing.assert_array_equal(made["light"], straight["light"])
