@@ -16,6 +16,8 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 _LEAST_SHARE = 0.005
+_NEXT = 1.5
+"""Usual gaps within which a ray is the next one: beyond, at least one is missing between."""
 _LOOKED_AT, _APART, _BETWEEN = 20_000, 0.02, 0.02
 _MOST_SURFACES = 6
 
@@ -43,7 +45,10 @@ def mixed_rows(view: View) -> BoolArray:
 
 
 def neighbours(view: View, name: str) -> list[tuple[IntArray, FloatArray]]:
-    """Surface codes and values of a numeric column at the neighbouring pixels and stage angles (−1 and NaN: none)."""
+    """Surface codes and values of a numeric column next to each row, −1 and NaN where there is none.
+
+    At the neighbouring pixels and stage angles; of a scanner that has neither, at the rays next in its ring.
+    """
     found: list[tuple[IntArray, FloatArray]] = []
     if view.varies("pixel_u") or view.varies("pixel_v"):
         for du, dv in ((-1, 0), (1, 0), (0, -1), (0, 1)):
@@ -53,7 +58,22 @@ def neighbours(view: View, name: str) -> list[tuple[IntArray, FloatArray]]:
         for steps in (-1, 1):
             place = view.sweep_place(steps)
             found.append((np.where(place >= 0, codes[place], -1), view.take_number(name, place)))
+    if not found and view.varies("azimuth_deg"):
+        codes = view.columns.categories["surface"][0]
+        for steps in (-1, 1):
+            place = per_table(view, ("next in ring", steps), partial(_next_in_ring, view, steps))[view.rows]
+            found.append((np.where(place >= 0, codes[place], -1), view.take_number(name, place)))
     return found
+
+
+def _next_in_ring(view: View, steps: int) -> IntArray:
+    """Whole-table row of the ray next in azimuth at the same elevation, −1 where there is none near."""
+    table = view.columns
+    order = table.numbers["azimuth_deg"]
+    ring = table.group("dut", "cycle", "step", "elevation_deg")
+    place = table.following(("ring", steps), ring, order, steps)
+    gap = np.where(place >= 0, np.abs(order[place] - order), np.nan)
+    return np.where(gap < _NEXT * np.nanmedian(gap), place, -1) if np.isfinite(gap).any() else place
 
 
 def light_share(view: View, channel: str, surface: str) -> FloatArray:

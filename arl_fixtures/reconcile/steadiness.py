@@ -37,14 +37,16 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
     """Whether the strength of one of the terms moves by much with a column.
 
     What displaces rays is left out: at edges its change is as rough as its errors are. What mixes a pixel with its
-    neighbours is as rough, but the same whenever the pixel sees the same: it is asked for what changes meanwhile.
+    neighbours is as rough, but the same whenever the pixel sees the same: it is asked for what changes meanwhile;
+    and so is what happens in pixels that see two surfaces, as no column tells where in a pixel the edge lies.
     What a strong name's law leaves along its own drivers is not held against another: it is asked within cells of
     these.
     """
     if term.variant.rough or (term.effect.displaces and not term.effect.mixes):
         return False
     problem = looker.problem
-    place = _places(problem) if term.effect.displaces else None
+    in_pixels = term.effect.displaces or (term.effect.mixes and "mixed" in term.variant.drivers)
+    place = _places(problem) if in_pixels else None
     full, rest = forward(terms, problem.view), forward([t for t in terms if t is not term], problem.view)
     acting = [
         d for d in problem.data
