@@ -37,7 +37,7 @@ from arl_fixtures.reconcile.law_shape import sharpened
 from arl_fixtures.reconcile.law_work import ALL_ROWS, MOST_ROWS, Candidate, Work
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import ChannelData
-from arl_fixtures.reconcile.robust import LEAST_TAIL
+from arl_fixtures.reconcile.robust import LEAST_TAIL, log_beta
 from arl_fixtures.reconcile.roles import Role
 
 MOST_TERMS = 5
@@ -207,9 +207,8 @@ def of_few_steps(gain: float, coefficients: int, data: ChannelData) -> float:
     freedom = level.count - 1 - coefficients
     if freedom < 1:
         return 0.0
-    ratio = freedom / coefficients * float(np.expm1(min(2.0 * gain / level.count, 600.0)))
-    log_tail = float(stats.f.logsf(ratio, coefficients, freedom))
-    return -log_tail if log_tail < LEAST_TAIL else 0.5 * float(stats.chi2.isf(np.exp(log_tail), coefficients))
+    tail = log_beta(-2.0 * gain / level.count, 0.5 * freedom, 0.5 * coefficients)
+    return -tail if tail < LEAST_TAIL else 0.5 * float(stats.chi2.isf(np.exp(tail), coefficients))
 
 
 def _starts(data: ChannelData, *, within_images: bool = False) -> list[dict[str, float]]:

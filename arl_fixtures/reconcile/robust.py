@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import stats
+from scipy import special, stats
 
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.fit import Fit
@@ -14,6 +14,8 @@ MOST_LEFT = 3.0
 """Standard errors to which rows left by a rough term are held back."""
 LEAST_TAIL = -650.0
 """Logarithm of the least probability that is told from none: below, it is itself what a gain is worth."""
+SMALLEST = 1e-290
+"""Probability from which a number holds it with all its digits."""
 PRIOR_GROUPS, BARE_GROUPS = 20.0, 2.0
 """Groups on which the noise model's own covariance counts as resting; and where it was only told from the steps."""
 
@@ -81,7 +83,19 @@ def _resting(problem: Problem, before: State, after: State) -> float:
 
 def _normal_gain(t_value: float, freedom: float) -> float:
     """Half the square of the normal deviate with the tail probability of a Student deviate."""
-    log_tail = float(stats.t.logsf(t_value, freedom))
-    if log_tail < LEAST_TAIL:
-        return -log_tail
-    return 0.5 * float(stats.norm.isf(np.exp(log_tail))) ** 2
+    if t_value <= 0.0:
+        return 0.5 * float(stats.norm.isf(stats.t.sf(t_value, freedom))) ** 2
+    tail = log_beta(-float(np.log1p(t_value**2 / freedom)), 0.5 * freedom, 0.5) - float(np.log(2.0))
+    if tail < LEAST_TAIL:
+        return -tail
+    return 0.5 * float(stats.norm.isf(np.exp(tail))) ** 2
+
+
+def log_beta(log_x: float, a: float, b: float) -> float:
+    """Logarithm of the regularised incomplete beta function I_x(a, b), also where it is less than any number.
+
+    The tails of Student's t and of an F ratio are of this kind; below what a number holds the first term of the
+    series is exact to x (DLMF 8.17.7).
+    """
+    value = float(special.betainc(a, b, np.exp(log_x)))
+    return float(np.log(value)) if value > SMALLEST else a * log_x - float(np.log(a) + special.betaln(a, b))

@@ -9,6 +9,7 @@ from scipy import stats
 from arl_fixtures.reconcile.law_search import is_law, of_few_steps, search_law
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.robust import log_beta
 from arl_fixtures.reconcile.table import load_table
 
 
@@ -55,3 +56,13 @@ def test_a_single_step_may_tell_of_what_lies_within_its_image(tmp_path, make_tab
     looker.calibrate(data, looker.problem.view.fresh_state())
     _, chosen = search_law(looker, data, looker.problem.view.fresh_state(), ["vibration_g", "pixel_v"])
     assert is_law(chosen) == found
+
+
+def test_a_gain_beyond_any_probability_is_worth_its_logarithm():
+    """A law of a hundred steps that leaves next to nothing has no tail that a number holds, and is not infinite."""
+    worth = [of_few_steps(float(gain), 2, steps(100)) for gain in (600.0, 800.0, 1600.0, 16_000.0)]
+    assert np.all(np.isfinite(worth))
+    assert np.all(np.diff(worth) > 0.0)
+    assert worth[-1] == pytest.approx(16_000.0, rel=0.05)
+    assert log_beta(-3.0, 4.0, 0.5) == pytest.approx(float(stats.beta.logcdf(np.exp(-3.0), 4.0, 0.5)))
+    assert log_beta(-200.0, 4.0, 0.5) == pytest.approx(float(stats.beta.logcdf(np.exp(-150.0), 4.0, 0.5)) - 200.0)
