@@ -197,7 +197,7 @@ def _mends_side_effects(problem: Problem, ranked: Ranked) -> bool:
     untouched, after = problem.view.fresh_state(), ranked.fit.state
     before = forward(ranked.fit.terms[:-1], problem.view)  # not the base: there scatters pull at what moves signals
     gains: dict[bool, float] = {True: 0.0, False: 0.0}
-    moved, plain, largest, means, scatters = 0.0, False, 0.0, 0.0, 0.0
+    moved, plain, largest, means = 0.0, False, 0.0, 0.0
     for d in problem.data:
         name = d.channel.name
         if np.array_equal(after[name], before[name], equal_nan=True):
@@ -208,7 +208,6 @@ def _mends_side_effects(problem: Problem, ranked: Ranked) -> bool:
         side = scatter and before[name] is not untouched[name]
         if scatter:
             gains[side] += 0.5 * float(old @ old - new @ new)
-            scatters += 0.5 * float(old @ old - new @ new)
         else:
             means += d.fit_scatter(d.residual(after))[0] - d.fit_scatter(d.residual(before))[0]
         change = np.abs(after[name] - before[name])[d.use]
@@ -217,7 +216,7 @@ def _mends_side_effects(problem: Problem, ranked: Ranked) -> bool:
         if side:
             first = d.whiten(d.residual(untouched))
             moved += 0.5 * float(first @ first - old @ old)
-    if plain and means < LEAST_MEANS * scatters:
+    if plain and means < LEAST_MEANS * sum(gains.values()):  # of scatters so far
         return True
     gains[False] += means
     if gains[True] <= SIDE_SHARE * (gains[True] + max(gains[False], 0.0)):
