@@ -1,7 +1,5 @@
 """Concealed effects of timing on the flash sensor's distance."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from benchmarks.concealed.designs import sparse
@@ -19,11 +17,10 @@ def _range_walk(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
     reference = float(rng.uniform(800, 2500))
 
     def apply(reality: Reality, amount: float) -> None:
-        real = replace(receiver, width_ns=receiver.width_ns * amount, tau_ns=receiver.tau_ns * amount)
-
         def walk(rows: Rows, amplitude: np.ndarray, distance: np.ndarray) -> np.ndarray:
-            late = stamp_ns(real, amplitude) - stamp_ns(real, np.array([reference]))
-            return 0.5 * LIGHT_M_NS * late
+            # pulse, response and charge shorter by `amount`: sampled before, as a tick would be coarse for the result
+            late = stamp_ns(receiver, amplitude) - stamp_ns(receiver, np.array([reference]))
+            return 0.5 * LIGHT_M_NS * amount * late
 
         reality.timing.append(walk)
 

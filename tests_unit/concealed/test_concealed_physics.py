@@ -1,8 +1,10 @@
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from benchmarks.concealed import effects_timing
 from benchmarks.concealed.flash import OFFSET_U, OFFSET_V, Reality, footprint
 from benchmarks.concealed.laser_curve import photons
 from benchmarks.concealed.rows import Design, lay_out, random_pixels
@@ -75,6 +77,15 @@ def test_a_weak_pulse_crosses_its_threshold_late_and_by_less_than_its_rise():
         stamps = stamp_ns(receiver, np.array([60.0, 300.0, 1500.0, 3000.0]))
         assert np.all(np.diff(stamps) < 0)
         assert stamps[0] - stamps[-1] < 15.0
+
+
+def test_the_faintest_walk_is_as_smooth_as_a_strong_one():
+    recipe = next(r for r in effects_timing.RECIPES if r.effect == "timing.range_walk")
+    for seed in range(4):
+        reality = SimpleNamespace(timing=[])
+        recipe.make(np.random.default_rng(seed), None, None).apply(reality, 0.005)
+        late = reality.timing[0](None, np.geomspace(90.0, 3300.0, 200), np.zeros(200))
+        assert np.all(np.diff(late) < 0.0)
 
 
 def test_a_peak_detector_locks_to_the_stronger_of_two_returns():
