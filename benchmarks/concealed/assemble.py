@@ -119,8 +119,8 @@ def build(
     measured = _measure(rng, sensor, sim, truth, drawn, conceal, held)
     columns = _columns(sensor, sim, conceal)
     if any(e.kind == "dead" for e in effects) or (sensor.writes_valid and rng.random() < 0.2):
-        # a share of frames without a return: the simulation expects a return everywhere
-        columns |= {"sim_valid_fraction": np.ones(held.size), "sim_valid_fraction_std": np.full(held.size, 0.02)}
+        # a share of frames without a return: the simulation knows which returns are too weak
+        columns |= {"sim_valid_fraction": sim.valid, "sim_valid_fraction_std": np.full(held.size, 0.02)}
         measured["valid_fraction"] = truth.valid
     order = rng.permutation(np.flatnonzero(seen)) if rng.random() < 0.5 else np.flatnonzero(seen)
     there = np.flatnonzero(held)

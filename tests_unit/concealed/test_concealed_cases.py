@@ -6,6 +6,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from benchmarks.concealed import point_sensor
 from benchmarks.concealed.assemble import build
 from benchmarks.concealed.case import Concealment, band_of, visibility
 from benchmarks.concealed.designs import sparse
@@ -61,6 +62,18 @@ def test_a_null_table_scatters_as_its_simulation_says(name):
         if repeat is not None:
             z = whiten(z * sigma[seen], sigma[seen], repeat[seen], labels[seen])
         assert np.mean(z**2) == pytest.approx(1.0, abs=6.0 * np.sqrt(2.0 / z.size))
+
+
+def test_returns_that_are_too_weak_are_lost_in_the_simulation_too():
+    lost = 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        sensor = SENSORS["point"](rng, point_sensor.rail(rng))
+        table = build(rng, sensor, [], [], Concealment()).table
+        if "valid_fraction" in table:
+            np.testing.assert_array_equal(table["sim_valid_fraction"], table["valid_fraction"])
+            lost += int(np.sum(table["valid_fraction"] < 0.5))
+    assert lost > 0
 
 
 def test_oracle_visibility_reaches_the_band_that_was_ordered():
