@@ -4,7 +4,7 @@ import numpy as np
 
 from benchmarks.concealed.camera import Field, flat_fields
 from benchmarks.concealed.designs import ageing, sparse
-from benchmarks.concealed.effect import DIE, DISTANCE, FIELD, INTENSITY, Effect, sign, wide
+from benchmarks.concealed.effect import DIE, DISTANCE, FIELD, HISTORY, INTENSITY, Effect, sign, wide
 from benchmarks.concealed.flash import Reality, frame_load
 from benchmarks.concealed.hooks import Hooks
 from benchmarks.concealed.laser_curve import HEAT, LIGHT, CurveRows, curves
@@ -84,7 +84,8 @@ def _fading_paint(rng: np.random.Generator, rows: Rows, design: Design) -> Effec
 
     return _unknown(
         "one paint changes with temperature", apply=apply, channels=(INTENSITY,), start=0.01, limit=0.5,
-        drivers=("surface", "reflectance", "intensity_counts", *DIE), needs=("surface", *DIE[:2]),
+        # the chamber's frame follows the temperature of hours before: history tells it as well as any logger
+        drivers=("surface", "reflectance", "intensity_counts", *DIE, *HISTORY), needs=("surface", *DIE[:2]),
         unseen=("steps",), where={"surface": [SURFACES[index]]},
     )  # fmt: skip
 
