@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from arl_fixtures.reconcile.effects_surface import TOGETHER
 from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.own_driver import driven_by, has_own_driver, mends_shape
 from arl_fixtures.reconcile.problem import Problem
@@ -113,13 +114,14 @@ def is_repeat(base: Fit, candidate: Candidate) -> bool:
         and set(term.variant.channels) & set(new.variant.channels)
         and (new.effect.single or driven_by(term) <= driven_by(new) or driven_by(new) <= driven_by(term))
         and (term.unit == new.unit or not term.unit or not new.unit)
-        and (_surface(term) == _surface(new) or not _surface(term) or not _surface(new))
+        and (_surfaces(term) & _surfaces(new) or not _surfaces(term) or not _surfaces(new))
         for term in base.terms
     )
 
 
-def _surface(term: Term) -> str:
-    return str(term.variant.options.get("surface", ""))
+def _surfaces(term: Term) -> set[str]:
+    """Surfaces on which a term acts; empty for all."""
+    return {name for name in str(term.variant.options.get("surface", "")).split(TOGETHER) if name}
 
 
 def is_rounding(problem: Problem, base: Fit, ranked: Ranked) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import partial
 
 import numpy as np
@@ -19,7 +20,9 @@ _LEAST_SHARE = 0.005
 _NEXT = 1.5
 """Usual gaps within which a ray is the next one: beyond, at least one is missing between."""
 _LOOKED_AT, _APART, _BETWEEN = 20_000, 0.02, 0.02
-_MOST_SURFACES = 6
+_MOST_SURFACES, _MOST_KINDRED = 6, 24
+TOGETHER = " + "
+"""Joins the names of surfaces that a variant changes together."""
 
 
 def surface_names(view: View, most: int = _MOST_SURFACES) -> tuple[str, ...]:
@@ -35,6 +38,21 @@ def surface_names(view: View, most: int = _MOST_SURFACES) -> tuple[str, ...]:
         return tuple(labels[i] for i in order if count[i] > _LEAST_SHARE * max(view.columns.n, 1))
 
     return per_table(view, "surface names", make)[:most]
+
+
+def surfaces_of_a_kind(view: View) -> tuple[str, ...]:
+    """Surfaces that may share a paint, joined by `TOGETHER`: those with a word in common, and all but the largest.
+
+    "wall_n" and "wall_s" are walls, "stripe_18" and "stripe_50" stripes of a panel; what stands before the largest
+    surface is what was put there. Kinds that hold one surface or all of them are none.
+    """
+    names = surface_names(view, _MOST_KINDRED)
+    kinds: dict[str, list[str]] = {}
+    for name in names:
+        kinds.setdefault(re.split(r"[_\W\d]", name, maxsplit=1)[0], []).append(name)
+    groups = [sorted(kind) for kind in kinds.values()] + [sorted(names[1:])]
+    joined = dict.fromkeys(TOGETHER.join(group) for group in groups if 1 < len(group) < len(names))
+    return tuple(joined)
 
 
 def mixed_rows(view: View) -> BoolArray:

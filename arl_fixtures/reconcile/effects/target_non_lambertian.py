@@ -19,13 +19,13 @@ from arl_fixtures.reconcile.effects_common import (
     shape,
     signals,
 )
-from arl_fixtures.reconcile.effects_surface import light_share, surface_names
+from arl_fixtures.reconcile.effects_surface import TOGETHER, light_share, surface_names, surfaces_of_a_kind
 from arl_fixtures.reconcile.pixel_calibration import calibrated_by_surface
 from arl_fixtures.reconcile.view import View
 
 
 class NonLambertian(LightFactor):
-    """I *= 1 + oblique·sin²a + lobe·max(cos 2a, 0)^sharpness, on all surfaces or on one.
+    """I *= 1 + oblique·sin²a + lobe·max(cos 2a, 0)^sharpness, on all surfaces, on those of a kind or on one.
 
     `oblique` > 0 is a rough surface that stays bright when seen obliquely, `lobe` a gloss about normal incidence:
     light comes back along its way, so the angle to the mirror direction is 2a. Where reflectances were fitted to the
@@ -40,7 +40,7 @@ class NonLambertian(LightFactor):
     confusable = ("optics.vignetting", "target.reflectance_error", "stage.eccentricity")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """All surfaces, and each of the four most seen."""
+        """All surfaces, those of a kind, and each of the four most seen."""
         if incidence_deg(view) is None:
             return
         drivers = tuple(
@@ -49,7 +49,7 @@ class NonLambertian(LightFactor):
         for channel in signals(view):
             fitted = calibrated_by_surface(view.columns, channel)
             over: dict[str, Option] = {"fitted_over": _incidences(view)} if fitted else {}
-            for surface in ("", *surface_names(view, 4)):
+            for surface in ("", *surfaces_of_a_kind(view), *surface_names(view, 4)):
                 yield Variant(
                     effect=self.id,
                     options={"channel": channel, "surface": surface, **over},
@@ -60,7 +60,7 @@ class NonLambertian(LightFactor):
                     ),
                     channels=light_channels(view, channel),
                     drivers=drivers[:1] if view.varies("incidence_deg") else drivers,
-                    where={"surface": [surface]} if surface else {},
+                    where={"surface": surface.split(TOGETHER)} if surface else {},
                 )
 
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
@@ -71,7 +71,8 @@ class NonLambertian(LightFactor):
             bright = bright - self._mean_on_surfaces(variant, values, view)
         surface = str(variant.options["surface"])
         if surface:
-            bright = bright * light_share(view, str(variant.options["channel"]), surface)
+            channel = str(variant.options["channel"])
+            bright = bright * sum(light_share(view, channel, name) for name in surface.split(TOGETHER))
         return np.maximum(1.0 + bright, 0.02)
 
     def _mean_on_surfaces(self, variant: Variant, values: Values, view: View) -> FloatArray:
@@ -88,7 +89,7 @@ class NonLambertian(LightFactor):
 
     def expression(self, variant: Variant) -> str:
         """The law."""
-        on = f" on surface '{variant.options['surface']}'" if variant.options["surface"] else ""
+        on = f" on {_listed(variant)}" if variant.options["surface"] else ""
         return (
             f"{variant.options['channel']} *= 1 + oblique * sin(incidence_deg)^2 "
             f"+ lobe * cos(2 incidence_deg)^sharpness{on}"
@@ -96,7 +97,7 @@ class NonLambertian(LightFactor):
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Change of the signal."""
-        where = f"of surface '{variant.options['surface']}' " if variant.options["surface"] else ""
+        where = f"of {_listed(variant)} " if variant.options["surface"] else ""
         change = percent(*self.change(variant, values, view))
         return f"The reflectance {where}depends on the angle of incidence: the signal differs {change}."
 
@@ -106,6 +107,12 @@ class NonLambertian(LightFactor):
             "Turn the panel about its own axis while the sensor stands still: a target's lobe follows the panel, "
             "vignetting follows the pixel."
         )
+
+
+def _listed(variant: Variant) -> str:
+    """The surfaces of a variant in words."""
+    names = [f"'{name}'" for name in str(variant.options["surface"]).split(TOGETHER)]
+    return f"surface {names[0]}" if len(names) == 1 else f"surfaces {', '.join(names[:-1])} and {names[-1]}"
 
 
 def _terms(view: View) -> tuple[FloatArray, FloatArray]:
