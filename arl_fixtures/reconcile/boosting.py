@@ -87,7 +87,10 @@ class Boosted:
             the watched rows' error after 0, 1, 2 … trees (empty without `watch`).
         """
         residual = target.copy()
-        cells = _cells(codes)
+        first = {codes[k].tobytes(): k for k in reversed(range(len(codes)))}  # of columns that part rows alike
+        kept = np.sort(np.fromiter(first.values(), dtype=np.int64))
+        cells = _cells(codes[kept])
+        whole = cells @ weight
         self.importance = np.zeros(len(codes))
         prior = self.ridge * float(weight.mean()) if len(weight) else 1.0
         errors: list[float] = []
@@ -95,7 +98,7 @@ class Boosted:
         if watch is not None:
             errors.append(float(np.sum(watch[2] * seen**2)))
         for _ in range(trees):
-            tree, leaf, gain = self._grow(codes, cells, residual, weight, prior)
+            tree, leaf, gain = self._grow(codes, kept, cells, residual, weight, whole, prior)
             if tree is None:
                 break
             self.trees.append(tree)
@@ -117,8 +120,16 @@ class Boosted:
         return total
 
     def _grow(
-        self, codes: NDArray[np.uint8], cells: csc_array, residual: FloatArray, weight: FloatArray, prior: float
-    ) -> tuple[Tree | None, IntArray, float]:
+        self, codes: NDArray[np.uint8], kept: IntArray, cells: csc_array, residual: FloatArray, weight: FloatArray,
+        whole: FloatArray, prior: float,
+    ) -> tuple[Tree | None, IntArray, float]:  # fmt: skip
+        """A tree, the leaf of each row, its gain.
+
+        Args:
+            codes: of the rows; kept: columns that no earlier one equals; cells: of these.
+            residual, weight: of the rows; whole: sums of the weights in the cells.
+            prior: weight on each leaf.
+        """
         push = weight * residual
         node: IntArray = np.zeros(len(residual), dtype=np.int64)
         rows = np.arange(len(residual))
@@ -126,14 +137,18 @@ class Boosted:
         thresholds: list[int] = []
         for level in range(self.depth if len(codes) else 0):
             nodes = 1 << level
-            split = np.zeros((len(residual), 2 * nodes))
-            split[rows, node] = push
-            split[rows, nodes + node] = weight
-            sums = (cells @ split).T.reshape(2, nodes, len(codes), BINS).cumsum(axis=3)
-            p, w = sums
+            if level == 0:
+                sums = np.stack([cells @ push, whole])
+            else:
+                split = np.zeros((len(residual), 2 * nodes))
+                split[rows, node] = push
+                split[rows, nodes + node] = weight
+                sums = (cells @ split).T
+            p, w = sums.reshape(2, nodes, len(kept), BINS).cumsum(axis=3)
             rest_p, rest_w = p[..., -1:] - p, w[..., -1:] - w
             gain = (p**2 / (w + prior) + rest_p**2 / (rest_w + prior)).sum(axis=0)[:, :-1]
-            feature, cut = divmod(int(np.argmax(gain)), BINS - 1)
+            place, cut = divmod(int(np.argmax(gain)), BINS - 1)
+            feature = int(kept[place])
             features.append(feature)
             thresholds.append(cut)
             node = node * 2 + (codes[feature] > cut)

@@ -75,6 +75,8 @@ class Axis:
         x = features[self.column]
         with np.errstate(all="ignore"):
             value = _function(self.kind, x, self)
+        if np.isfinite(value).all():
+            return value
         return np.nan_to_num(value, nan=0.0, posinf=0.0, neginf=0.0)
 
     @property

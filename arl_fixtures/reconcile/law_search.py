@@ -243,7 +243,9 @@ def _from_start(
             break
         law, chosen = law_of(found, data), found
         corrected = state[data.channel.name] + law.correction(looker.features, state[data.channel.name])
-        _, tau = data.fit_scatter(data.measured - data.expect * corrected[data.use])
+        before, (_, tau) = tau, data.fit_scatter(data.measured - data.expect * corrected[data.use])
+        if all(max(tau[v.name], v.floor) == max(before.get(v.name, 0.0), v.floor) for v in data.levels):
+            break  # the next pass would find the same
     if not chosen.terms:
         return law, chosen
     work = Work(data, state, looker.features, tau, ALL_ROWS)

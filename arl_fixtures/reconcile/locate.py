@@ -9,10 +9,11 @@ false alarm in a hundred tables, with rows of a step, of an image or of a pixel 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
@@ -23,6 +24,8 @@ from arl_fixtures.reconcile.patterns import half_z, shared_part
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.roles import FIELD_COLUMNS, Role
+
+BoolArray = NDArray[np.bool_]
 
 LOCATED_GAIN, LOCATED_Z = 11.0, 3.5
 MOST_BINS = 24
@@ -62,17 +65,23 @@ def locate(looker: Looker, data: ChannelData, state: State) -> Place | None:
     residual = residual - shared_part(data, residual)
     weight = data.root_weight**2
     half = np.unique(data.block, return_inverse=True)[1] % 2
+    parts = half == 0, half == 1
     features = {name: values[data.use] for name, values in looker.features.items()}
     step = looker.problem.groups.step[looker.problem.view.rows[data.use]]
     best = _own_in_steps(data, residual, features, step)
+    slopes: list[tuple[Axis, bool, _Sums]] = []
+    for slope in _slopes(features, looker):
+        if slope.column:
+            slope = replace(slope, middle=_mean(np.nan_to_num(features[slope.column]), weight * data.scale**2))
+        sums = _Sums(data.expect * data.scale * slope(features), residual, weight, parts)
+        slopes.append((slope, not slope.column or _constant_in(features[slope.column], step), sums))
     for binning, code in _binnings(features, looker):
-        for slope in _slopes(features, looker):
-            if slope.column == binning.column or _is_shared(code, slope, step, features):
+        # bins and slope both constant within steps: what steps share by chance would pass for structure
+        shared, codes = _constant_in(code.astype(np.float64), step), tuple(code[part] for part in parts)
+        for slope, alike, sums in slopes:
+            if slope.column == binning.column or (shared and alike):
                 continue
-            if slope.column:
-                slope = replace(slope, middle=_mean(np.nan_to_num(features[slope.column]), weight * data.scale**2))
-            direction = data.expect * data.scale * slope(features)
-            found = _test(binning, slope, code, direction, residual, weight, half)
+            found = _test(binning, slope, codes, sums)
             if found is not None and (best is None or found.gain > best.gain):
                 best = found
     return best
@@ -89,6 +98,7 @@ def _own_in_steps(
     weight = data.root_weight**2
     # within a cell by chance, not in turn: rows stand in the order of pixels or of the sweep
     half = np.random.default_rng(len(residual)).permutation(len(residual)) % 2
+    parts = half == 0, half == 1
     best: Place | None = None
     for name in WITHIN_STEPS:
         if name not in features or not np.isfinite(features[name]).all():
@@ -109,22 +119,38 @@ def _own_in_steps(
         # what all steps have in common is a pattern of its own, and found as such
         top = np.bincount(code, weight * direction * residual, minlength=axis.count)
         mean = top / np.maximum(np.bincount(code, weight * direction**2, minlength=axis.count), 1e-300)
-        found = _test(axis, STEP_SLOPE, cell, direction, residual - direction * mean[code], weight, half)
+        sums = _Sums(direction, residual - direction * mean[code], weight, parts)
+        found = _test(axis, STEP_SLOPE, tuple(cell[part] for part in parts), sums)
         if found is not None and found.gain > STEP_GAIN and (best is None or found.gain > best.gain):
             best = replace(found, table=replace(axis, values=(0.0,) * axis.count))
     return best
 
 
-def _test(
-    binning: Axis, slope: Axis, code: IntArray, direction: FloatArray, residual: FloatArray, weight: FloatArray,
-    half: IntArray,
-) -> Place | None:  # fmt: skip
-    count = int(code.max()) + 1
-    gram, score = np.zeros((2, count)), np.zeros((2, count))
-    for k in (0, 1):
-        part = half == k
-        gram[k] = np.bincount(code[part], (weight * direction**2)[part], minlength=count)
-        score[k] = np.bincount(code[part], (weight * direction * residual)[part], minlength=count)
+class _Sums:
+    """What is summed over bins to test a slope: on both halves of the rows its square, and its product with the rest.
+
+    Args:
+        direction: of the slope on each row; residual, weight: of each row; parts: which rows make each half.
+    """
+
+    def __init__(
+        self, direction: FloatArray, residual: FloatArray, weight: FloatArray, parts: Sequence[BoolArray]
+    ) -> None:
+        square, product = weight * direction**2, weight * direction * residual
+        self._halves = [(square[part], product[part]) for part in parts]
+
+    def over(self, codes: Sequence[IntArray]) -> tuple[FloatArray, FloatArray]:
+        """Both sums over the bins of each half's rows, (2, bins) each."""
+        count = max(int(code.max(initial=0)) for code in codes) + 1
+        gram, score = np.zeros((2, count)), np.zeros((2, count))
+        for k, (code, (square, product)) in enumerate(zip(codes, self._halves, strict=True)):
+            gram[k], score[k] = (np.bincount(code, x, minlength=count) for x in (square, product))
+        return gram, score
+
+
+def _test(binning: Axis, slope: Axis, codes: Sequence[IntArray], sums: _Sums) -> Place | None:
+    gram, score = sums.over(codes)
+    count = gram.shape[1]
     total, pull = gram.sum(axis=0), score.sum(axis=0)
     if not slope.column and total.sum() > 0:  # a common constant is calibration
         level = pull.sum() / total.sum()
@@ -155,13 +181,6 @@ def _two(pull: FloatArray, total: FloatArray) -> tuple[float, float]:
 
 def _mean(x: FloatArray, weight: FloatArray) -> float:
     return float(np.sum(weight * x) / np.sum(weight))
-
-
-def _is_shared(code: IntArray, slope: Axis, step: IntArray, features: dict[str, FloatArray]) -> bool:
-    """Whether bins and slope are both constant within steps: what steps share by chance would pass for structure."""
-    if not _constant_in(code.astype(np.float64), step):
-        return False
-    return not slope.column or _constant_in(features[slope.column], step)
 
 
 def _constant_in(x: FloatArray, step: IntArray) -> bool:

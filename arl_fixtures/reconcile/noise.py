@@ -13,6 +13,7 @@ nested groupings are exact too (the inner transform first, the outer on the tran
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -66,6 +67,13 @@ class _Step:
     shrink: FloatArray
 
 
+def _step_of(level: Level, direction: FloatArray, weight: FloatArray, tau: float) -> _Step:
+    tau = max(tau, level.floor)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        shrink = np.where(weight > 0, (1.0 - 1.0 / np.sqrt(1.0 + tau**2 * weight)) / weight, 0.0)
+    return _Step(tau, level.code, level.count, direction, weight, shrink)
+
+
 class Shared:
     """Projection of many columns on a direction within each group, and what it makes on the rows.
 
@@ -98,26 +106,44 @@ class Whitener:
 
     def __init__(self, root_weight: FloatArray, levels: tuple[Level, ...], tau: dict[str, float]) -> None:
         self.root_weight = root_weight
-        self.levels = levels
-        self.tau = {level.name: max(tau.get(level.name, 0.0), level.floor) for level in levels}
+        self.levels: tuple[Level, ...] = ()
+        self.tau: dict[str, float] = {}
         self._steps: list[_Step] = []
         self._shared: list[Shared] = []
         self.log_det = 0.0
         for level in levels:
-            step = self._prepare(level, self.tau[level.name])
-            self._steps.append(step)
-            self.log_det += float(np.sum(np.log1p(self.tau[level.name] ** 2 * step.weight)))
+            self._append(level, self._prepare(level, tau.get(level.name, 0.0)))
+
+    def _append(self, level: Level, step: _Step) -> None:
+        self.levels, self.tau = (*self.levels, level), {**self.tau, level.name: step.tau}
+        self._steps, self._shared = [*self._steps, step], []
+        self.log_det += float(np.sum(np.log1p(step.tau**2 * step.weight)))
 
     def _prepare(self, level: Level, tau: float) -> _Step:
         direction = self.root_weight * level.scale
         if level.name == "step":
-            for step, inner in zip(self._steps, self.levels, strict=False):
+            for step, inner in zip(self._steps, self.levels, strict=True):
                 if inner.name == "frame":
                     direction = _apply(step, direction)
         weight = _sum_by(level.code, direction**2, level.count)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            shrink = np.where(weight > 0, (1.0 - 1.0 / np.sqrt(1.0 + tau**2 * weight)) / weight, 0.0)
-        return _Step(tau, level.code, level.count, direction, weight, shrink)
+        return _step_of(level, direction, weight, tau)
+
+    def followed_by(self, level: Level, tau: float = 0.0) -> Whitener:
+        """The map with one more level; what is prepared for those before it serves both."""
+        made = copy(self)
+        made._append(level, self._prepare(level, tau))
+        return made
+
+    def at(self, tau: float) -> Whitener:
+        """The map with another scatter of its last level."""
+        level, last = self.levels[-1], self._steps[-1]
+        if max(tau, level.floor) == last.tau:
+            return self
+        made = Whitener(self.root_weight, (), {})
+        for inner, step in zip(self.levels[:-1], self._steps[:-1], strict=True):
+            made._append(inner, step)
+        made._append(level, _step_of(level, last.direction, last.weight, tau))
+        return made
 
     def __call__(self, x: FloatArray) -> FloatArray:
         """Whiten a residual or tangent, shape (n,) or (k, n)."""
@@ -209,9 +235,12 @@ def fit_tau(
     power = sums[good] ** 2 / weight * (len(weight) / max(len(weight) - lost, 1.0))
 
     def loss(log_tau: float) -> float:
-        variance = 1.0 + np.exp(2.0 * log_tau) * weight
-        unlikely = surprise(float(np.exp(log_tau)), floor, freedom)
-        return float(0.5 * np.sum(np.log(variance) + power / variance)) + unlikely
+        variance = np.exp(2.0 * log_tau) * weight
+        variance += 1.0
+        found = np.log(variance)
+        found += power / variance
+        unlikely = surprise(float(np.exp(log_tau)), floor, freedom) if freedom else 0.0
+        return float(0.5 * np.add.reduce(found)) + unlikely
 
     at_floor = 1.0 + floor**2 * weight
     base = float(0.5 * np.sum(np.log(at_floor) + power / at_floor))

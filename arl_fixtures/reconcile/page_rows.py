@@ -10,11 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from arl_fixtures.reconcile.carried_gains import carry_gains
 from arl_fixtures.reconcile.decide import Decision
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.features import features_of
 from arl_fixtures.reconcile.pilot import TAIL_Z
-from arl_fixtures.reconcile.problem import Problem, carry_gains
+from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.terms import forward
 
 SHOWN_ROWS = 60_000

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, field, replace
+from hashlib import blake2b
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,10 @@ ZERO_SHARE = 0.02
 """Standard deviation of a calibrated signal's zero beside an effect, as a share of the median signal."""
 CALIBRATED = (Role.INTENSITY, Role.DISTANCE)
 """Roles whose gain or offset a user calibrates per unit: a constant of theirs carries no finding."""
+
+
+_Fitted = tuple[float, dict[str, float], tuple[Level, ...]]
+"""Likelihood and scatters that were fitted, and the levels they belong to."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -76,6 +81,8 @@ class ChannelData:
     _exact: UnitConstants | None = field(init=False, default=None)
     _inverse: FloatArray = field(init=False)
     _units_share: bool = field(init=False)
+    _fitted: dict[object, _Fitted] = field(init=False, default_factory=dict)
+    """By what it was fitted to: rounds of a search, and candidates beside one base, ask the same again."""
 
     def __post_init__(self) -> None:
         self._units_share = any(
@@ -95,10 +102,10 @@ class ChannelData:
         weight = np.sqrt(self.trust) / (self.stated * self.spread)
         return np.where(self.dark, 0.0, weight) if len(self.dark) else weight
 
-    def rebuild(self, tau: dict[str, float]) -> None:
-        """Make the whitener anew for other scatters, weights or spread."""
+    def rebuild(self, tau: dict[str, float], whitener: Whitener | None = None) -> None:
+        """Make the whitener (or take one) anew for other scatters, weights or spread."""
         self.tau = dict(tau)
-        self.whitener = Whitener(self.root_weight, self.levels, self.tau)
+        self.whitener = whitener or Whitener(self.root_weight, self.levels, self.tau)
         self._exact = None
         if self.calibrated:
             self._prepare_constants()
@@ -196,14 +203,20 @@ class ChannelData:
 
         Images are nested in steps: their scatter is what remains beside the mean of their step.
         """
-        centred = residual
-        count = 0.0
+        return self._level_scatter(*self._centred(residual), level, partial, lost)
+
+    def _centred(self, residual: FloatArray) -> tuple[FloatArray, float]:
+        """A residual without what a constant makes of it, and the degrees of freedom that this takes."""
         uniform = self.channel.role is Role.SCATTER and self.tails == 1.0
-        if self.calibrated or uniform:  # a noise that is larger everywhere does not scatter
-            # plain means: constants that weigh by the present scatters would depend on where the estimate starts
-            weight = self.root_weight**2
-            centred = less_constants(residual, self.scale, weight, self.unit, zero=self.has_zero)
-            count = 1.0 if self._units_share else float(self.units)
+        if not (self.calibrated or uniform):  # a noise that is larger everywhere does not scatter
+            return residual, 0.0
+        # plain means: constants that weigh by the present scatters would depend on where the estimate starts
+        centred = less_constants(residual, self.scale, self.root_weight**2, self.unit, zero=self.has_zero)
+        return centred, 1.0 if self._units_share else float(self.units)
+
+    def _level_scatter(
+        self, centred: FloatArray, count: float, level: Level, partial: Whitener, lost: float
+    ) -> tuple[float, float]:
         step = next((other for other in self.levels if other.name == "step"), None)
         if level.name == "frame" and step is not None:
             weight = self.root_weight**2
@@ -224,15 +237,31 @@ class ChannelData:
         Returns:
             log-likelihood (up to a constant of the channel), scatters. The whitener is left as it was.
         """
+        key = self._digest(residual), lost, without, self.free_constant, self.tails, tuple(map(id, self.levels))
+        if key not in self._fitted:
+            self._fitted[key] = *self._fit_scatter(residual, lost, without), self.levels  # whose ids stay taken
+        likelihood, tau, _ = self._fitted[key]
+        return likelihood, dict(tau)
+
+    def _digest(self, residual: FloatArray) -> bytes:
+        found = blake2b(residual.tobytes())
+        for part in (self.root_weight, self.scale):
+            found.update(part.tobytes())
+        return found.digest()
+
+    def _fit_scatter(
+        self, residual: FloatArray, lost: float, without: tuple[str, ...]
+    ) -> tuple[float, dict[str, float]]:
         tau: dict[str, float] = {}
-        for index, level in enumerate(self.levels):
-            if level.name in without:
-                tau[level.name] = level.floor
-                continue
-            partial = Whitener(self.root_weight, self.levels[: index + 1], {**tau, level.name: level.floor})
-            tau[level.name], _ = self.level_scatter(residual, level, partial, lost=lost)
+        whitener = Whitener(self.root_weight, (), {})
+        centred, count = self._centred(residual)
+        for level in self.levels:
+            whitener, tau[level.name] = whitener.followed_by(level), level.floor
+            if level.name not in without:
+                tau[level.name], _ = self._level_scatter(centred, count, level, whitener, lost)
+                whitener = whitener.at(tau[level.name])
         fitted = copy(self)
-        fitted.rebuild(tau)
+        fitted.rebuild(tau, whitener)
         return fitted.likelihood(residual), tau
 
     def likelihood(self, residual: FloatArray) -> float:
@@ -351,27 +380,6 @@ def scale_of(values: FloatArray) -> FloatArray:
     """What a relative error of 1 would change, at least a thousandth of the median; 1 where there is no signal."""
     middle = float(np.median(np.abs(values)))
     return np.maximum(np.abs(values), 1e-3 * middle) if middle > 0 else np.ones(len(values))
-
-
-def carry_gains(problem: Problem, state: State) -> None:
-    """Let a unit's gain move the scatters with its signal, as the simulation's own noise grows with the signal.
-
-    Without this a calibration that a gain belongs to would pass for excess noise.
-    """
-    for d in problem.data:
-        parent = next((p for p in problem.data if p.calibrated and p.channel.role is Role.INTENSITY), None)
-        if d.channel.role is not Role.SCATTER or parent is None:
-            continue
-        gains = parent.constants(parent.residual(state))
-        by_row = np.zeros(problem.view.n)
-        by_row[parent.use] = gains[parent.unit]
-        signal = np.log(np.maximum(problem.view.sim[parent.channel.name][d.use], 1e-12))
-        scatter = np.log(np.maximum(problem.view.sim[d.channel.name][d.use], 1e-12))
-        good = np.isfinite(signal) & np.isfinite(scatter)
-        spread = float(np.var(signal[good])) if good.any() else 0.0
-        slope = float(np.cov(signal[good], scatter[good])[0, 1]) / spread if spread > 1e-6 else 0.0
-        frames = np.maximum(np.nan_to_num(problem.view.frames()[d.use], nan=1.0), 1.0)
-        d.expect = d.tails * shortfall(frames) * np.maximum(1.0 + by_row[d.use], 0.1) ** slope
 
 
 def _level(

@@ -24,6 +24,7 @@ from arl_fixtures.reconcile.acceptance import (
     is_repeat,
     is_rounding,
 )
+from arl_fixtures.reconcile.carried_gains import carry_gains
 from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.dead import leave_out_dead
 from arl_fixtures.reconcile.derived_rays import derive_rays
@@ -34,7 +35,7 @@ from arl_fixtures.reconcile.free_constants import constant_z, constants_alone
 from arl_fixtures.reconcile.grouping import find_groups, typical_gaps
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.pixel_calibration import zero_fitted
-from arl_fixtures.reconcile.problem import Problem, carry_gains
+from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.readings import smooth_readings
 from arl_fixtures.reconcile.robust import robust_gain
 from arl_fixtures.reconcile.sampling import draw_rows

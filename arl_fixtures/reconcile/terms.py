@@ -65,6 +65,8 @@ class Term:
             if new is old:
                 continue
             good = np.isfinite(new)
+            if inside is None and good.all():
+                continue
             if inside is not None:
                 good &= inside
             after[name] = np.where(good | ~np.isfinite(old), new, old) if inside is None else np.where(good, new, old)
