@@ -21,7 +21,7 @@ from arl_fixtures.reconcile.view import View
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_MOST_KEPT = 12_000_000  # numbers: 100 MB
+_MOST_KEPT = 30_000_000  # numbers: 240 MB
 _SOFT, _FINE, _MOST_FOOTPRINTS = 3, 5, 20
 _WIDEST_PX = 2
 _TAPS = tuple((du, dv) for du in range(-_WIDEST_PX, _WIDEST_PX + 1) for dv in range(-_WIDEST_PX, _WIDEST_PX + 1))
