@@ -47,14 +47,14 @@ def explained(table, plain, held, corrected, channel):
 
 
 @pytest.mark.parametrize(
-    ("change", "column", "value", "channel"),
-    [(lagging, "step", 5.0, "distance_m"), (moved_beam, "stage_angle_deg", 8.1, "intensity_counts")],
+    ("change", "column", "value", "channel", "steps"),
+    [(lagging, "step", 5.0, "distance_m", 14), (moved_beam, "stage_angle_deg", 8.1, "intensity_counts", 10)],
 )
 def test_rows_of_one_step_or_angle_are_predicted_from_what_was_around_them(
-    tmp_path, make_table, save, knows_only, change, column, value, channel
+    tmp_path, make_table, save, knows_only, change, column, value, channel, steps
 ):
     knows_only("timing.thermal_lag", "timing.temperature_offset", "beam.profile_shift", "beam.profile_change")
-    table, plain = make_table(21, change), make_table(21)
+    table, plain = make_table(21, change, steps=steps), make_table(21, steps=steps)
     held = np.isclose(table[column], value)
     train, unseen = split(table, held)
     reconcile(save(tmp_path / "t.parquet", train), tmp_path / "out")

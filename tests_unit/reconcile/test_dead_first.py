@@ -80,7 +80,7 @@ def test_pixels_that_come_back_are_not_called_dead(tmp_path, make_table, save):
 def test_answers_that_are_lost_by_chance_are_no_mismatch(make_table, save, tmp_path):
     """Of ten frames each brings its answer with 97 %, as the simulation says, which states no scatter of it."""
     for seed in (5, 6):
-        table = make_table(seed, None, steps=8)
+        table = make_table(seed, None, steps=8, duts=1)
         rng = np.random.default_rng(seed)
         table["valid_fraction"] = rng.binomial(10, 0.97, len(table["step"])) / 10.0
         table["sim_valid_fraction"] = np.full(len(table["step"]), 0.97)

@@ -10,9 +10,9 @@ from arl_fixtures.reconcile.table import columns_of
 FRAMES = 10
 
 
-def tailed_table(make_table, seed, *, excess=1.0):
+def tailed_table(make_table, seed, *, steps=12, excess=1.0):
     """Ten frames a row, of Student's t with 4 degrees of freedom; `excess` times the scatter that is declared."""
-    columns = make_table(seed, steps=12)
+    columns = make_table(seed, steps=steps)
     rng = np.random.default_rng(seed)
     rows = len(columns["pixel_u"])
     for name in ("intensity_counts", "distance_m"):
@@ -30,7 +30,7 @@ def test_tails_alone_are_no_finding(make_table):
 def test_more_scatter_than_declared_is_found_in_spite_of_tails(make_table):
     rivals = ("readout.noise_excess", "laser.pulse_energy_jitter", "bench.repeatability")
     known = [library()[name] for name in rivals]
-    findings = diagnose(tailed_table(make_table, 73, excess=1.3), effects=known)[0].findings
+    findings = diagnose(tailed_table(make_table, 73, steps=8, excess=1.3), effects=known)[0].findings
     assert findings
     assert all(channel.endswith("_std") for f in findings for channel in f.channels)
     assert all(f.effect in {"readout.noise_excess", "unknown"} for f in findings)

@@ -16,7 +16,7 @@ def swept(*, share, held_out=(), stops=False, seed=6):
     """A block of pixels over an uneven sweep; a share of every average still shows the angle before."""
     rng = np.random.default_rng(seed)
     step, place, v, u = (
-        a.ravel() for a in np.meshgrid(np.arange(2), np.arange(14), np.arange(4.0, 28.0, 8.0), np.arange(52.0, 76.0),
+        a.ravel() for a in np.meshgrid(np.arange(2), np.arange(14), np.arange(4.0, 28.0, 8.0), np.arange(57.0, 71.0),
                                        indexing="ij")
     )  # fmt: skip
     stage, before = ANGLES[place], ANGLES[np.maximum(place - 1, 0)]

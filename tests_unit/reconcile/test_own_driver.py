@@ -104,8 +104,8 @@ def test_a_gain_that_takes_the_shot_noise_along_is_told_from_a_rail_that_drifts_
         )
         sigma["real"] = np.sqrt(36.0 + 0.25 * columns["intensity_counts"])
 
-    sigma_of = make_table(31)["step"]
-    table = make_table(31, warm, duts=2)
+    sigma_of = make_table(31, steps=8)["step"]
+    table = make_table(31, warm, steps=8)
     rng = np.random.default_rng(3)
     table["intensity_counts_std"] = sigma["real"] * np.sqrt(rng.chisquare(9, size=len(sigma_of)) / 9.0)
     table["sim_intensity_counts_std"] = np.sqrt(36.0 + 0.25 * table["sim_intensity_counts"])

@@ -21,7 +21,7 @@ SCHEMA = Path(__file__).parents[3] / "shared" / "spec" / "diagnosis.schema.json"
 def walked(tmp_path_factory, make_table, save, walk):
     """A table with a range walk, the folder of its diagnosis (to be read only), and the diagnosis."""
     folder = tmp_path_factory.mktemp("walked")
-    table = save(folder / "t.parquet", make_table(2, walk, steps=8))
+    table = save(folder / "t.parquet", make_table(2, walk, steps=6))
     return table, folder / "out", reconcile(table, folder / "out")
 
 
@@ -65,7 +65,7 @@ def test_what_a_faint_effect_shifts_on_average_is_predicted_for_each_unit(
         walk(columns, rng)
         columns["distance_m"] = before + 0.2 * (columns["distance_m"] - before)
 
-    reconcile(save(tmp_path / "t.parquet", make_table(2, faint)), tmp_path / "out")
+    reconcile(save(tmp_path / "t.parquet", make_table(2, faint, steps=9)), tmp_path / "out")
     fresh = make_table(79, faint)
     truth = fresh["distance_m"] - make_table(79)["distance_m"]
     predict(tmp_path / "out", save(tmp_path / "new.parquet", fresh), tmp_path / "p.parquet")
@@ -93,7 +93,7 @@ def test_a_constant_over_few_steps_is_that_of_their_means(tmp_path, make_table, 
 
 
 def test_what_no_effect_explains_is_unknown_with_its_drivers_and_still_predicts(tmp_path, make_table, save, parity):
-    diagnosis = reconcile(save(tmp_path / "t.parquet", make_table(3, parity, duts=1)), tmp_path / "out")
+    diagnosis = reconcile(save(tmp_path / "t.parquet", make_table(3, parity, duts=1, steps=9)), tmp_path / "out")
     first = diagnosis.findings[0]
     assert first.effect == "unknown"
     assert first.channels == ["distance_m"]

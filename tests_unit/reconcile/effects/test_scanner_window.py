@@ -24,10 +24,10 @@ def hidden(azimuth, elevation, stain):
 
 
 def scanned_room(seed, stain=None, rings=False):
-    """A scanner of 16 beams in a square room with boards on its walls, turned to four angles."""
+    """A scanner of 16 beams in a square room with boards on its walls, turned to two angles."""
     rng = np.random.default_rng(seed)
     step, stage, place, beam = (
-        a.ravel().astype(float) for a in np.meshgrid(*(np.arange(n) for n in (3, 3, 60, 16)), indexing="ij")
+        a.ravel().astype(float) for a in np.meshgrid(*(np.arange(n) for n in (3, 2, 60, 16)), indexing="ij")
     )
     azimuth, elevation = place * 6.0 + 0.5 * step, 2.0 * beam - 15.0
     bearing = np.radians(np.mod(azimuth + 17.0 * stage, 360.0))
