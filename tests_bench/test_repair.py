@@ -20,7 +20,7 @@ effects:
 """
 PROFILE = """
 name: small
-load_cycle: {temperatures_c: [80, 70, 60, 50, 40, 45, 55, 65]}
+load_cycle: {temperatures_c: [80, 67, 53, 40, 47, 60]}
 angles: {from_deg: -12, to_deg: 12, step_deg: 12}
 frames: 8
 reference_c: 80
@@ -30,7 +30,7 @@ reference_c: 80
 def observe(folder: Path, out: str, *model: str) -> Path:
     """The observation table of the recorded cycle."""
     table = folder / out
-    options = ["--bench", str(folder / "bench.yaml"), "--pixels", "4-123/17,3-28/12", "--out", str(table)]
+    options = ["--bench", str(folder / "bench.yaml"), "--pixels", "4-123/24,3-28/12", "--out", str(table)]
     result = CliRunner().invoke(observe_command, [str(folder / "out"), *options, *model], catch_exceptions=False)
     assert result.exit_code == 0, result.stderr
     return table
