@@ -46,7 +46,7 @@ class Candidates:
     def __init__(self, work: Work, left: FloatArray | None = None) -> None:
         self.items: list[Candidate] = []
         self._work, self._left = work, work.residual if left is None else left
-        self._blocks: list[_Block] = []
+        self._blocks: list[tuple[_Block, tuple[FloatArray, FloatArray]]] = []
 
     def add(self, bases: Iterable[Basis]) -> list[Candidate]:
         """Candidates of bases, in their order."""
@@ -63,8 +63,8 @@ class Candidates:
             which = [order[b.axes, b.waves] for b in alike]
             vectors, gram = self._work.together(list(distinct.values()))
             block = _Block([start + p for p in places], vectors, which, Evidence(gram[which], _priors(alike)))
-            self._blocks.append(block)
-            gains, widths = block.weigh(self._left)
+            gains, widths = first = block.weigh(self._left)
+            self._blocks.append((block, first))
             for p, k, gain, width in zip(places, which, gains.tolist(), widths.tolist(), strict=True):
                 made[p] = Candidate(
                     basis=bases[p], vectors=vectors[k], gram=gram[k], gain=gain - bases[p].price, width=width
@@ -81,8 +81,8 @@ class Candidates:
     def weigh(self, rest: FloatArray) -> tuple[list[float], list[float]]:
         """Gains, before their price, and widths of all candidates beside what leaves a whitened rest."""
         gains, widths = np.zeros(len(self.items)), np.zeros(len(self.items))
-        for block in self._blocks:
-            gains[block.places], widths[block.places] = block.weigh(rest)
+        for block, first in self._blocks:
+            gains[block.places], widths[block.places] = first if rest is self._left else block.weigh(rest)
         return gains.tolist(), widths.tolist()
 
 
