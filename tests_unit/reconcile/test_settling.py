@@ -14,9 +14,9 @@ BENT = 0.25
 
 
 def camera(seed, change=None):
-    """96 pixels that see six grey levels each; `change` bends the light before noise."""
+    """60 pixels that see six grey levels each; `change` bends the light before noise."""
     rng = np.random.default_rng(seed)
-    pixel, level, step = (a.ravel() for a in np.meshgrid(np.arange(96), np.arange(6), np.arange(6), indexing="ij"))
+    pixel, level, step = (a.ravel() for a in np.meshgrid(np.arange(60), np.arange(6), np.arange(6), indexing="ij"))
     light = 250.0 * 1.7**level
     seen = light if change is None else change(light, pixel, step)
     sigma = np.hypot(5.0, 0.01 * light)
