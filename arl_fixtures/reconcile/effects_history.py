@@ -36,11 +36,13 @@ class History:
         values: one row per group, one column per grid time; the ends are held beyond a group's record.
         interval: grid interval, in `unit`.
         unit: `s`, or `steps` where the table has no time.
+        start: time of each group's first grid cell, in `unit`.
     """
 
     values: FloatArray
     interval: float
     unit: str
+    start: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +117,7 @@ def history(view: View, column: str) -> History | None:
         for index, (place, reading) in enumerate(readings):
             if place.size:
                 grid[index] = np.interp(ticks, place, reading)
-        return History(values=grid, interval=clock.interval, unit=clock.unit)
+        return History(values=grid, interval=clock.interval, unit=clock.unit, start=clock.start)
 
     return per_table(view, ("history", column), make)
 

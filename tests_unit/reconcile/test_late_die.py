@@ -13,7 +13,7 @@ RIVALS = [
 ]  # fmt: skip
 
 
-def ramped(seed, per_kelvin_late, per_kelvin_chip, logged_chip):
+def ramped(seed, per_kelvin_late, per_kelvin_chip, logged_chip, unrecorded_s=0.0):
     """A single-point sensor over two cycles of 14 temperature steps; a node of 1100 s follows the housing."""
     rng = np.random.default_rng(seed)
     levels = np.tile([20.0, 0.0, -10.0, 0.0, 20.0, 40.0, 60.0, 80.0, 60.0, 40.0, 20.0, 50.0, 70.0, 30.0], 2)
@@ -35,13 +35,14 @@ def ramped(seed, per_kelvin_late, per_kelvin_chip, logged_chip):
     sigma = 2e-3
     shared = 1e-4 * rng.normal(size=levels.size)[step.astype(int)]
     measured = away + (error + shared)[row] + sigma / 5.0 * rng.normal(size=row.size)
+    recorded = (time - 14.0 * STEP_S * (step // 14) >= unrecorded_s)[row]
     return columns_of(pa.table({
         "cycle": step[row] // 14, "step": step[row] % 14, "time_s": time[row] - 14.0 * STEP_S * (step[row] // 14),
         "housing_temperature_c": housing[row], "true_range_m": away, "n_frames": np.full(row.size, 25.0),
         **({"tof_temperature_c": chip[row]} if logged_chip else {}),
         "sim_distance_m": away, "sim_distance_m_std": np.full(row.size, sigma),
         "sim_distance_m_repeat_std": np.full(row.size, 1e-4), "distance_m": measured,
-    }))  # fmt: skip
+    }).filter(pa.array(recorded)))  # fmt: skip
 
 
 def names(findings):
@@ -62,3 +63,10 @@ def test_a_lag_alone_is_no_offset():
 def test_an_offset_that_follows_a_chip_nobody_logged_is_told_as_either():
     (found,) = diagnose(ramped(3, 0.0, 5e-5, False), effects=RIVALS)[0].findings
     assert {found.effect, *found.equivalent_to} == {"timing.temperature_offset", "timing.thermal_lag"}
+
+
+def test_a_record_that_begins_amid_a_ramp_does_not_hide_a_lag():
+    found = diagnose(ramped(4, 6e-5, 0.0, False, unrecorded_s=2.3 * STEP_S), effects=RIVALS)[0].findings
+    assert names(found) == {"timing.thermal_lag"}
+    time_constant = next(p for p in found[0].parameters if p.name == "time_constant")
+    assert time_constant.low < 1100.0 < time_constant.high

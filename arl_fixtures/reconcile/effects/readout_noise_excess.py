@@ -5,11 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effect import Effect, Option, Parameter, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, rounded, shape, temperature_drivers
 from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.view import View
+
+BoolArray = NDArray[np.bool_]
+
+_NO_SWITCH = ("dut", "cycle", "step", "ramp", "pixel_u", "pixel_v", "n_frames")
 
 
 class NoiseExcess(Effect):
@@ -18,6 +23,7 @@ class NoiseExcess(Effect):
     * everywhere: c = 1.
     * growing: c = 2^((T − highest) / doubling).
     * split: one factor below and one above a knee of a temperature, the image or the ramp.
+    * while: c = 1 while something is switched on (a lamp, a heater), else 0.
     """
 
     id = "readout.noise_excess"
@@ -26,7 +32,7 @@ class NoiseExcess(Effect):
     confusable = ("laser.pulse_energy_jitter", "detector.dark_offset", "bench.repeatability")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """Per scatter channel: everywhere, growing with a temperature, split by temperature, image or ramp."""
+        """Per scatter channel: everywhere, growing with a temperature, while on, split by temperature or image."""
         columns = temperature_drivers(
             view, "tof_temperature_c", "fpga_temperature_c", "housing_temperature_c", limit=1
         )
@@ -37,6 +43,8 @@ class NoiseExcess(Effect):
                 options: dict[str, Option] = {"column": column, "highest": rounded(view.span(column)[1])}
                 growth = shape("doubling", "K", 3.0, 200.0, 20.0)
                 yield self._variant(view, channel.name, {"condition": "growing", **options}, (growth,))
+            for column in _switches(view):
+                yield self._variant(view, channel.name, {"condition": "while", "column": column}, ())
             for column in split:
                 low, high = view.span(column)
                 starts = [low + share * (high - low) for share in ((0.5,) if column == "ramp" else (0.5, 0.25, 0.75))]
@@ -75,11 +83,15 @@ class NoiseExcess(Effect):
         if variant.options["condition"] == "growing":
             warm = np.nan_to_num(view.number(str(variant.options["column"]))) - float(variant.options["highest"])
             under = np.exp2(np.clip(warm / float(values["doubling"]), -60.0, 4.0))
+        elif variant.options["condition"] == "while":
+            under = _is_on(view, str(variant.options["column"])).astype(float)
         scaled = state[name] * (1.0 + float(values["factor"]) * under)
         state[name] = np.sqrt(scaled**2 + (float(values["added"]) * under) ** 2)
 
     def where(self, variant: Variant, values: Values, view: View) -> dict[str, list[str] | list[float]]:
         """The noisier side of the knee."""
+        if variant.options["condition"] == "while":
+            return {str(variant.options["column"]): ["true"]}
         if variant.options["condition"] != "split":
             return {}
         column, knee = str(variant.options["column"]), float(values["knee"])
@@ -91,8 +103,11 @@ class NoiseExcess(Effect):
         name, column = variant.options["channel"], variant.options.get("column", "")
         if variant.options["condition"] == "split":
             return f"{name} *= 1 + factor_below where {column} < knee, 1 + factor_above elsewhere"
-        growing = variant.options["condition"] == "growing"
-        grown = f", c = 2^(({column} - {variant.options['highest']}) / doubling)" if growing else ", c = 1"
+        grown = ", c = 1"
+        if variant.options["condition"] == "growing":
+            grown = f", c = 2^(({column} - {variant.options['highest']}) / doubling)"
+        elif variant.options["condition"] == "while":
+            grown = f", c = [{column}]"
         return f"{name}^2 = ({name} * (1 + factor * c))^2 + (added * c)^2{grown}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
@@ -104,6 +119,8 @@ class NoiseExcess(Effect):
         condition = "everywhere"
         if variant.options["condition"] == "growing":
             condition = f"at the highest {column}, less below"
+        if variant.options["condition"] == "while":
+            condition = f"while {column}"
         if variant.options["condition"] == "split":
             above = values["factor_above"] >= values["factor_below"]
             condition = f"where {column} is {'above' if above else 'below'} {values['knee']:.4g}"
@@ -112,6 +129,25 @@ class NoiseExcess(Effect):
     def next_experiment(self, variant: Variant) -> str:
         """What shows its origin."""
         return "Record dark frames (window covered) and frames of one bright target: read-out noise is in both alike."
+
+
+def _switches(view: View) -> list[str]:
+    """Columns that say of each row whether something is on: true and false, or 1 and 0."""
+    found = [
+        name for name, (_, labels) in view.columns.categories.items()
+        if name != "mixed" and view.is_category(name) and sorted(labels) == ["false", "true"]
+    ]  # fmt: skip
+    for name, values in view.columns.numbers.items():
+        told = np.unique(values[np.isfinite(values)]) if view.varies(name) and unit_of(name) == "1" else values[:0]
+        if told.tolist() == [0.0, 1.0] and name not in _NO_SWITCH:
+            found.append(name)
+    return found
+
+
+def _is_on(view: View, column: str) -> BoolArray:
+    if view.is_category(column):
+        return view.selects(column, "true")
+    return np.asarray(view.number(column) == 1.0)
 
 
 def _beyond(variant: Variant, values: Values, view: View) -> FloatArray:

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Option, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
+    FloatArray,
     amplitude,
     distances,
     in_mm,
     reference,
+    rounded,
     shape,
     span,
     temperature_drivers,
     unit_per,
 )
-from arl_fixtures.reconcile.effects_history import history, lagged, on_rows, time_column
+from arl_fixtures.reconcile.effects_history import History, history, lagged, on_rows, time_column
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
@@ -30,6 +33,8 @@ class ThermalLag(Effect):
 
     The first where the simulation knows the offset but not the lag, the second where it knows neither and no chip's
     own temperature was logged: what follows that one is an offset, and only what comes later still is a lag.
+    A record that begins amid a change of temperature (kind "moving") adds at_start·exp(−t / time constant): what
+    the node was behind by then.
     """
 
     id = "timing.thermal_lag"
@@ -53,18 +58,24 @@ class ThermalLag(Effect):
                 shortest = max(2.0 * record.interval, min(100.0 if record.unit == "s" else 0.3, 0.05 * duration))
                 chips = [name for name in ("tof_temperature_c", "fpga_temperature_c") if view.varies(name)]
                 longest = max(_LONGEST * duration, 4.0 * shortest)
-                for kind in ("difference",) if chips else ("difference", "whole"):
+                for kind in ("difference", "moving") if chips else ("difference", "moving", "whole"):
                     options: dict[str, Option] = {"channel": distance, "temperature": column, "kind": kind}
-                    if kind == "whole":
-                        options["reference"] = reference(view, column)
                     late = unit_per(column, unit_of(distance))
                     most = 4.0 * size / wide
+                    amplitudes = [amplitude("slope", late, -most, most, 1e-3 * most)]
+                    if kind == "whole":
+                        options["reference"] = reference(view, column)
+                    if kind == "moving":
+                        options["starts"] = json.dumps([rounded(float(t)) for t in record.start])
+                        amplitudes.append(
+                            amplitude("at_start", unit_of(distance), -4.0 * size, 4.0 * size, 4e-3 * size)
+                        )
                     starts = (0.02 * duration, 0.1 * duration)
                     yield Variant(
                         effect=self.id,
                         options=options,
                         parameters=(
-                            amplitude("slope", late, -most, most, 1e-3 * most),
+                            *amplitudes,
                             shape("time_constant", record.unit, shortest, longest, *starts),
                         ),
                         channels=(distance,),
@@ -78,11 +89,14 @@ class ThermalLag(Effect):
         if record is None:
             return
         late = lagged(record, float(values["time_constant"]))
-        if variant.options["kind"] == "difference":
-            acting = on_rows(view, late - record.values)
-        else:
+        if variant.options["kind"] == "whole":
             acting = on_rows(view, late) - float(variant.options["reference"])
-        state[distance] = state[distance] + float(values["slope"]) * np.nan_to_num(acting)
+        else:
+            acting = on_rows(view, late - record.values)
+        moved = float(values["slope"]) * np.nan_to_num(acting)
+        if "at_start" in values:
+            moved = moved + float(values["at_start"]) * on_rows(view, _fading(record, variant, values))
+        state[distance] = state[distance] + moved
 
     def says_as_well(self, variant: Variant) -> tuple[str, ...]:
         """An offset that follows a late temperature is one that follows a chip's own, which was not logged."""
@@ -91,8 +105,9 @@ class ThermalLag(Effect):
     def expression(self, variant: Variant) -> str:
         """The law."""
         distance, column = variant.options["channel"], variant.options["temperature"]
-        against = column if variant.options["kind"] == "difference" else variant.options["reference"]
-        return f"{distance} += slope * (L - {against}), time_constant * dL/dt = {column} - L"
+        against = variant.options["reference"] if variant.options["kind"] == "whole" else column
+        start = " + at_start * exp(-(t - start) / time_constant)" if variant.options["kind"] == "moving" else ""
+        return f"{distance} += slope * (L - {against}){start}, time_constant * dL/dt = {column} - L"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Slope and time constant."""
@@ -107,3 +122,14 @@ class ThermalLag(Effect):
     def next_experiment(self, variant: Variant) -> str:
         """What tells lag from hysteresis and ageing."""
         return "Repeat one temperature step at half the ramp rate and with a long soak: a lag halves, then dies out."
+
+
+def _fading(record: History, variant: Variant, values: Values) -> FloatArray:
+    """What is left of the lag at the start of each record, of 1; nothing in records that begin at other times.
+
+    A table to be predicted may hold what came before: its own history then tells the lag.
+    """
+    starts = np.array(json.loads(str(variant.options["starts"])), dtype=float)
+    known = np.abs(record.start[:, None] - starts[None, :]).min(axis=1) <= record.interval
+    ticks = np.arange(record.values.shape[1]) * record.interval
+    return np.asarray(known[:, None] * np.exp(-ticks / max(float(values["time_constant"]), 1e-9)))

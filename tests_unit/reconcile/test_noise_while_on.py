@@ -1,0 +1,40 @@
+"""A lamp that is on for a part of a run adds its shot noise: the scatter follows its switch, whatever its name."""
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.table import columns_of
+
+FRAMES = 40
+
+
+def lit(seed, photons, switch):
+    """Static target for hours; the scatter of each record is that of its own frames, photon by photon."""
+    rng = np.random.default_rng(seed)
+    n = 640
+    time = np.arange(n) * 12.0
+    on = (time // 960.0) % 2 == 1
+    temperature = 25.0 + 3.0 * (1.0 - np.exp(-time / 3000.0)) + rng.normal(0.0, 0.05, n)
+    frames = 900.0 + 30.0 * rng.normal(size=(n, FRAMES))
+    drawn = rng.poisson(photons, (n, FRAMES)) - photons  # the mean of what the lamp adds is taken away as background
+    frames = frames + np.where(on[:, None], drawn, 0.0)
+    return columns_of(pa.table({
+        "time_s": time, "housing_temperature_c": temperature, "true_range_m": np.full(n, 1.2), switch: on.tolist(),
+        "n_frames": np.full(n, float(FRAMES)), "sim_signal_counts": np.full(n, 900.0),
+        "sim_signal_counts_std": np.full(n, 30.0), "signal_counts": frames.mean(axis=1),
+        "signal_counts_std": frames.std(axis=1, ddof=1),
+    }))  # fmt: skip
+
+
+@pytest.mark.parametrize("switch", ["lamp_on", "shutter"])
+def test_a_lamp_s_shot_noise_is_found_while_it_is_on(switch):
+    (finding,) = diagnose(lit(1, 90.0, switch))[0].findings
+    assert finding.effect == "readout.noise_excess"
+    assert finding.drivers == [switch]
+    assert finding.where[switch] == ["true"]
+
+
+def test_a_lamp_that_adds_no_photons_is_no_finding():
+    assert not diagnose(lit(2, 0.0, "lamp_on"))[0].findings
