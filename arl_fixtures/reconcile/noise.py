@@ -24,6 +24,8 @@ from arl_fixtures.reconcile.columns import FloatArray, IntArray
 
 GAUGE_FREEDOM = 12.0
 """Degrees of freedom on which a declared repeatability counts as resting: it is then off by 20 %, one in three."""
+UNNOTICED = 0.5
+"""Scatter between steps that a repeatability stated as nil leaves possible, in standard errors of a step's mean."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -252,3 +254,22 @@ def fit_tau(
     if gain <= 1e-9:
         return floor, 0.0
     return float(np.exp(best.x)), gain
+
+
+def unnoticed(scale: FloatArray, stated: FloatArray, group: IntArray) -> FloatArray:
+    """Scatter of groups, in proportion to `scale`, that a study may have overlooked which says there is none."""
+    _, code = np.unique(group, return_inverse=True)
+    of_a_group = np.bincount(code, (scale / stated) ** 2)
+    return np.asarray(scale * UNNOTICED / np.sqrt(np.median(of_a_group)))
+
+
+def level_of(
+    name: str, code: IntArray, scale: FloatArray, *, floor: float = 0.0, fewest: int = 3, declared: bool = False
+) -> Level | None:
+    """Level of the rows' groups; None where there are fewer than `fewest`, or about one row in each."""
+    present, inverse = np.unique(code, return_inverse=True)
+    if len(present) < fewest or len(code) < 2 * len(present):
+        return None
+    return Level(
+        name=name, code=inverse.astype(np.int64), count=len(present), scale=scale, floor=floor, declared=declared
+    )

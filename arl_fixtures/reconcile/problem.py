@@ -14,7 +14,7 @@ from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.estimated_noise import estimated_error, noise_quantities
 from arl_fixtures.reconcile.grouping import Groups, find_groups
 from arl_fixtures.reconcile.mixed_model import UnitConstants
-from arl_fixtures.reconcile.noise import Level, Whitener, fit_tau, less_constants, surprise
+from arl_fixtures.reconcile.noise import Level, Whitener, fit_tau, less_constants, level_of, surprise, unnoticed
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.stated import shortfall, stated_error
 from arl_fixtures.reconcile.view import View
@@ -311,18 +311,20 @@ class Problem:
         levels: list[Level] = []
         for name, code in (("pixel", groups.pixel), ("angle", groups.angle), ("frame", groups.frame)):
             if code is not None:
-                made = _level(name, code[rows], scale)
+                made = level_of(name, code[rows], scale)
                 if made is not None:
                     levels.append(made)
         declared = self.columns.numbers.get(f"sim_{channel.name}_repeat_std")
         floor, step_scale, stated_shared = 0.0, scale, False
         if declared is not None and np.any(declared[rows] > 0):
             step_scale, floor, stated_shared = np.nan_to_num(declared[rows]), 1.0, True
+        elif declared is not None and np.all(declared[rows] == 0.0):
+            step_scale, floor, stated_shared = unnoticed(scale, stated, groups.step[rows]), 1.0, True
         elif channel.role is Role.SCATTER:
             step_scale, floor, stated_shared = SCATTER_STEPS * scale, 1.0, True
         elif len(np.unique(groups.step[rows])) < FEWEST_STEPS:
             floor = 1.0  # neither declared nor to be estimated: what a step shares carries no evidence
-        made = _level("step", groups.step[rows], step_scale, floor=floor, fewest=1, declared=stated_shared)
+        made = level_of("step", groups.step[rows], step_scale, floor=floor, fewest=1, declared=stated_shared)
         if made is not None:
             levels.append(made)
         expect = np.ones(len(use))
@@ -380,17 +382,6 @@ def scale_of(values: FloatArray) -> FloatArray:
     """What a relative error of 1 would change, at least a thousandth of the median; 1 where there is no signal."""
     middle = float(np.median(np.abs(values)))
     return np.maximum(np.abs(values), 1e-3 * middle) if middle > 0 else np.ones(len(values))
-
-
-def _level(
-    name: str, code: IntArray, scale: FloatArray, *, floor: float = 0.0, fewest: int = 3, declared: bool = False
-) -> Level | None:
-    present, inverse = np.unique(code, return_inverse=True)
-    if len(present) < fewest or len(code) < 2 * len(present):
-        return None
-    return Level(
-        name=name, code=inverse.astype(np.int64), count=len(present), scale=scale, floor=floor, declared=declared
-    )
 
 
 def folds_of(block: IntArray, folds: int) -> IntArray:

@@ -48,24 +48,24 @@ def test_a_single_step_that_is_off_makes_no_law(seed):
     assert all(f.effect == "bench.repeatability" for f in findings)
 
 
-def avalanche_table(seed, drift_per_k, shared):
-    """Signals of a few pixels at four temperatures; nobody says how far steps are off by themselves."""
+def avalanche_table(seed, drift_per_k, shared, temperature=(-10.0, 20.0, 50.0, 80.0), repeat=None):
+    """Signals of a few pixels at few temperatures; nobody says how far steps are off by themselves, or `repeat`."""
     rng = np.random.default_rng(seed)
-    temperature = np.array([-10.0, 20.0, 50.0, 80.0])
-    step, angle, pixel = (
-        x.ravel() for x in np.meshgrid(np.arange(4), [-12.0, 0.0, 12.0], np.arange(16), indexing="ij")
-    )
+    temperature = np.array(temperature)
+    grid = np.meshgrid(np.arange(temperature.size), [-12.0, 0.0, 12.0], np.arange(16), indexing="ij")
+    step, angle, pixel = (x.ravel() for x in grid)
     light = rng.uniform(200.0, 3000.0, (3, 16))[(angle / 12.0 + 1.0).astype(int), pixel]
     # the gain of an avalanche diode at a bias that follows its breakdown only partly (Miller's law)
     bias, breakdown = 140.0, 150.0 + drift_per_k * (temperature - 25.0)
     gain = (1.0 - (bias / 150.0) ** 0.8) / (1.0 - (bias / breakdown) ** 0.8)
-    gain = gain * (1.0 + shared * rng.normal(size=4))
+    gain = gain * (1.0 + shared * rng.normal(size=temperature.size))
     sigma = np.sqrt(light + 49.0)
     return columns_of(pa.table({
         "step": step, "time_s": step * 1800.0 + angle, "stage_angle_deg": angle, "pixel_u": 4.0 + 7.0 * pixel,
         "housing_temperature_c": temperature[step], "n_frames": np.full(step.size, 20.0),
         "sim_intensity_counts": light, "sim_intensity_counts_std": sigma,
         "intensity_counts": light * gain[step] + sigma / np.sqrt(20.0) * rng.normal(size=step.size),
+        **({} if repeat is None else {"sim_intensity_counts_repeat_std": np.full(step.size, repeat)}),
     }))  # fmt: skip
 
 
@@ -77,3 +77,9 @@ def test_four_steps_on_one_line_tell_a_gain_that_follows_temperature():
 @pytest.mark.parametrize("seed", [9, 10, 11])
 def test_four_steps_that_are_off_by_themselves_tell_nothing(seed):
     assert not diagnose(avalanche_table(seed, 0.0, 4e-3))[0].findings
+
+
+@pytest.mark.parametrize(("repeat", "found"), [(None, 0), (0.0, 1)])
+def test_three_steps_tell_something_where_a_gauge_study_found_no_scatter(repeat, found):
+    table = avalanche_table(12, 6e-3, 0.0, temperature=(-10.0, 35.0, 80.0), repeat=repeat)
+    assert len(diagnose(table)[0].findings) == found
