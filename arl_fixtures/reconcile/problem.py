@@ -318,12 +318,12 @@ class Problem:
         floor, step_scale, stated_shared = 0.0, scale, False
         if declared is not None and np.any(declared[rows] > 0):
             step_scale, floor, stated_shared = np.nan_to_num(declared[rows]), 1.0, True
-        elif declared is not None and np.all(declared[rows] == 0.0):
-            step_scale, floor, stated_shared = unnoticed(scale, stated, groups.step[rows]), 1.0, True
         elif channel.role is Role.SCATTER:
             step_scale, floor, stated_shared = SCATTER_STEPS * scale, 1.0, True
         elif len(np.unique(groups.step[rows])) < FEWEST_STEPS:
             floor = 1.0  # neither declared nor to be estimated: what a step shares carries no evidence
+            if declared is not None and np.all(declared[rows] == 0.0):
+                step_scale, stated_shared = unnoticed(scale, stated, groups.step[rows]), True
         made = level_of("step", groups.step[rows], step_scale, floor=floor, fewest=1, declared=stated_shared)
         if made is not None:
             levels.append(made)
