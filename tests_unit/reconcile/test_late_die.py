@@ -66,7 +66,7 @@ def test_an_offset_that_follows_a_chip_nobody_logged_is_told_as_either():
 
 
 def test_a_record_that_begins_amid_a_ramp_does_not_hide_a_lag():
-    found = diagnose(ramped(4, 6e-5, 0.0, False, unrecorded_s=2.3 * STEP_S), effects=RIVALS)[0].findings
+    found = diagnose(ramped(4, 6e-5, 0.0, False, unrecorded_s=2.1 * STEP_S), effects=RIVALS)[0].findings
     assert names(found) == {"timing.thermal_lag"}
     time_constant = next(p for p in found[0].parameters if p.name == "time_constant")
     assert time_constant.low < 1100.0 < time_constant.high

@@ -28,6 +28,10 @@ _LONGEST = 0.25
 """Share of what was recorded that a time constant may take: a later node stands still, and its lag is an offset."""
 
 
+_AT_START, _MOVED = 0.05, 0.02
+"""Share of a record that is its start, and of all temperatures by which a change there is one."""
+
+
 class ThermalLag(Effect):
     """D += slope·(T_late − T) or slope·(T_late − reference); T_late follows T with a first-order time constant.
 
@@ -58,7 +62,8 @@ class ThermalLag(Effect):
                 shortest = max(2.0 * record.interval, min(100.0 if record.unit == "s" else 0.3, 0.05 * duration))
                 chips = [name for name in ("tof_temperature_c", "fpga_temperature_c") if view.varies(name)]
                 longest = max(_LONGEST * duration, 4.0 * shortest)
-                for kind in ("difference", "moving") if chips else ("difference", "moving", "whole"):
+                kinds = ["difference", *(["moving"] if _begins_moving(view, column, record) else [])]
+                for kind in kinds if chips else [*kinds, "whole"]:
                     options: dict[str, Option] = {"channel": distance, "temperature": column, "kind": kind}
                     late = unit_per(column, unit_of(distance))
                     most = 4.0 * size / wide
@@ -122,6 +127,18 @@ class ThermalLag(Effect):
     def next_experiment(self, variant: Variant) -> str:
         """What tells lag from hysteresis and ageing."""
         return "Repeat one temperature step at half the ramp rate and with a long soak: a lag halves, then dies out."
+
+
+def _begins_moving(view: View, column: str, record: History) -> bool:
+    """Whether the temperature changes where a record begins: only then is something behind that nobody saw."""
+    table = view.columns
+    time, readings, group = table.numbers[time_column(view)], table.numbers[column], table.group("dut", "cycle")
+    early = time - record.start[group] < _AT_START * record.interval * record.values.shape[1]
+    early &= np.isfinite(readings)
+    low, high = np.full(record.start.size, np.inf), np.full(record.start.size, -np.inf)
+    np.minimum.at(low, group[early], readings[early])
+    np.maximum.at(high, group[early], readings[early])
+    return bool(np.any(high - low > _MOVED * float(np.ptp(readings[np.isfinite(readings)]))))
 
 
 def _fading(record: History, variant: Variant, values: Values) -> FloatArray:
