@@ -19,6 +19,8 @@ from arl_fixtures.plugin import fixtures
 from arl_fixtures.plugin.options import add_options, allure_folder, read_options
 
 if TYPE_CHECKING:
+    from _pytest._code.code import TracebackEntry
+
     from arl_fixtures.bench.profile import CycleStep
 
 STEPS_KEY: pytest.StashKey[list[CycleStep]] = pytest.StashKey()
@@ -41,6 +43,22 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def _end_like_ctrl_c(number: int, _frame: FrameType | None) -> None:
     raise KeyboardInterrupt(f"signal {signal.Signals(number).name}")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_keyboard_interrupt(excinfo: pytest.ExceptionInfo[BaseException]) -> None:
+    """Leave out frames without a line: a signal may come between two lines, where pytest fails to tell of it.
+
+    Python 3.11 gives such a frame no line number; a session that is interrupted ends with status 2 all the same.
+    """
+    excinfo.traceback = excinfo.traceback.filter(_has_a_line)
+
+
+def _has_a_line(entry: TracebackEntry) -> bool:
+    try:
+        return entry.lineno >= 0
+    except TypeError:
+        return False
 
 
 def pytest_collection(session: pytest.Session) -> None:

@@ -9,6 +9,8 @@ from xml.etree import ElementTree
 
 import pytest
 
+from arl_fixtures.plugin import pytest_keyboard_interrupt
+
 PATIENCE_S = 600.0
 
 
@@ -244,3 +246,16 @@ def start_until(session, kind, count):
         if journal.is_file() and journal.read_text(encoding="utf-8").count(f'"type":"{kind}"') >= count:
             break
     return child
+
+
+def test_an_interrupt_between_two_lines_is_told_like_any_other():
+    """A signal that comes where the code has no line: Python 3.11 then gives a frame without a line number."""
+
+    def interrupted():
+        raise KeyboardInterrupt("signal SIGHUP")
+
+    interrupted.__code__ = interrupted.__code__.replace(co_linetable=b"")
+    with pytest.raises(KeyboardInterrupt) as caught:
+        interrupted()
+    pytest_keyboard_interrupt(caught)
+    assert "signal SIGHUP" in str(caught.getrepr(funcargs=True))
