@@ -20,7 +20,7 @@ from arl_fixtures.reconcile.stated import shortfall, stated_error
 from arl_fixtures.reconcile.view import View
 
 FOLDS = 5
-FEWEST_STEPS = 4
+FEWEST_STEPS = 5
 """Steps from which an undeclared scatter between steps can be estimated: tests then know how few they are."""
 SCATTER_STEPS = 0.005
 """Share by which the scatter of frames differs from step to step at rest; it counts like a declared one."""

@@ -48,7 +48,7 @@ def test_a_single_step_that_is_off_makes_no_law(seed):
     assert all(f.effect == "bench.repeatability" for f in findings)
 
 
-def avalanche_table(seed, drift_per_k, shared, temperature=(-10.0, 20.0, 50.0, 80.0), repeat=None):
+def avalanche_table(seed, drift_per_k, shared, temperature=(-10.0, 10.0, 35.0, 60.0, 80.0), repeat=None):
     """Signals of a few pixels at few temperatures; nobody says how far steps are off by themselves, or `repeat`."""
     rng = np.random.default_rng(seed)
     temperature = np.array(temperature)
@@ -69,14 +69,19 @@ def avalanche_table(seed, drift_per_k, shared, temperature=(-10.0, 20.0, 50.0, 8
     }))  # fmt: skip
 
 
-def test_four_steps_on_one_line_tell_a_gain_that_follows_temperature():
+def test_five_steps_on_one_line_tell_a_gain_that_follows_temperature():
     (finding,) = diagnose(avalanche_table(8, 4e-3, 0.0))[0].findings
     assert "detector.gain_temperature" in {finding.effect, *finding.equivalent_to}
 
 
 @pytest.mark.parametrize("seed", [9, 10, 11])
-def test_four_steps_that_are_off_by_themselves_tell_nothing(seed):
+def test_five_steps_that_are_off_by_themselves_tell_nothing(seed):
     assert not diagnose(avalanche_table(seed, 0.0, 4e-3))[0].findings
+
+
+@pytest.mark.parametrize("seed", [13, 14])
+def test_four_steps_are_too_few_to_tell_their_scatter(seed):
+    assert not diagnose(avalanche_table(seed, 4e-3, 4e-3, temperature=(-10.0, 20.0, 50.0, 80.0)))[0].findings
 
 
 @pytest.mark.parametrize(("repeat", "found"), [(None, 0), (0.0, 1)])
