@@ -51,8 +51,9 @@ class ProfileChange(LightFactor):
         for channel in signals(view):
             if field.profile(view, channel) is None:
                 continue
-            for driver in ("", *temperatures, *age_drivers(view)[:1]):
-                scale = _scale(view, driver) | field_options(view)
+            drivers = ("", *temperatures, *age_drivers(view)[:1])
+            scales = [(d, {**scale, **field_options(view)}) for d in drivers for scale in _scales(view, d)]
+            for driver, scale in scales:
                 for kind in ("width", "edge", "centre"):
                     parameters = [amplitude(f"{kind}_{axis.short}", "1", -0.5, 2.0, 0.05) for axis in axes]
                     if kind == "edge":
@@ -117,12 +118,15 @@ class ProfileChange(LightFactor):
         return "Picture the beam on a screen with an infrared camera: the receiver's vignetting is not on it."
 
 
-def _scale(view: View, driver: str) -> dict[str, float]:
+def _scales(view: View, driver: str) -> list[dict[str, float]]:
+    """What a driver is counted from: an age from its first value, and from nil where a record begins later."""
     if not driver:
-        return {}
-    if driver in age_drivers(view):
-        return age_options(view, driver, by_pixel=True)
-    return {"reference": reference(view, driver), "range": span(view, driver)}
+        return [{}]
+    if driver not in age_drivers(view):
+        return [{"reference": reference(view, driver), "range": span(view, driver)}]
+    own = age_options(view, driver, by_pixel=True)
+    begun = driver != "time_s" and own["first"] > 0.0 and "calibrated" not in own
+    return [own, {**own, "first": 0.0}] if begun else [own]
 
 
 def _size(view: View, variant: Variant, driver: str) -> FloatArray | float:
