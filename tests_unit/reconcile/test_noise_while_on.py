@@ -10,7 +10,7 @@ from arl_fixtures.reconcile.table import columns_of
 FRAMES = 40
 
 
-def lit(seed, photons, switch):
+def lit(seed, photons, switch, told=bool):
     """Static target for hours; the scatter of each record is that of its own frames, photon by photon."""
     rng = np.random.default_rng(seed)
     n = 640
@@ -21,19 +21,20 @@ def lit(seed, photons, switch):
     drawn = rng.poisson(photons, (n, FRAMES)) - photons  # the mean of what the lamp adds is taken away as background
     frames = frames + np.where(on[:, None], drawn, 0.0)
     return columns_of(pa.table({
-        "time_s": time, "housing_temperature_c": temperature, "true_range_m": np.full(n, 1.2), switch: on.tolist(),
+        "time_s": time, "housing_temperature_c": temperature, "true_range_m": np.full(n, 1.2),
+        switch: on.astype(told).tolist(),
         "n_frames": np.full(n, float(FRAMES)), "sim_signal_counts": np.full(n, 900.0),
         "sim_signal_counts_std": np.full(n, 30.0), "signal_counts": frames.mean(axis=1),
         "signal_counts_std": frames.std(axis=1, ddof=1),
     }))  # fmt: skip
 
 
-@pytest.mark.parametrize("switch", ["lamp_on", "shutter"])
-def test_a_lamp_s_shot_noise_is_found_while_it_is_on(switch):
-    (finding,) = diagnose(lit(1, 90.0, switch))[0].findings
+@pytest.mark.parametrize(("switch", "told", "on"), [("lamp_on", bool, ["true"]), ("shutter", float, [1.0, 1.0])])
+def test_a_lamp_s_shot_noise_is_found_while_it_is_on(switch, told, on):
+    (finding,) = diagnose(lit(1, 90.0, switch, told))[0].findings
     assert finding.effect == "readout.noise_excess"
     assert finding.drivers == [switch]
-    assert finding.where[switch] == ["true"]
+    assert finding.where[switch] == on
 
 
 def test_a_lamp_that_adds_no_photons_is_no_finding():

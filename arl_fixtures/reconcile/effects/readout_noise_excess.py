@@ -89,9 +89,10 @@ class NoiseExcess(Effect):
         state[name] = np.sqrt(scaled**2 + (float(values["added"]) * under) ** 2)
 
     def where(self, variant: Variant, values: Values, view: View) -> dict[str, list[str] | list[float]]:
-        """The noisier side of the knee."""
+        """The noisier side of the knee, or where the switch is on."""
         if variant.options["condition"] == "while":
-            return {str(variant.options["column"]): ["true"]}
+            switch = str(variant.options["column"])
+            return {switch: ["true"] if view.is_category(switch) else [1.0, 1.0]}
         if variant.options["condition"] != "split":
             return {}
         column, knee = str(variant.options["column"]), float(values["knee"])
@@ -120,7 +121,7 @@ class NoiseExcess(Effect):
         if variant.options["condition"] == "growing":
             condition = f"at the highest {column}, less below"
         if variant.options["condition"] == "while":
-            condition = f"while {column}"
+            condition = f"while {column} is {'true' if view.is_category(str(column)) else '1'}"
         if variant.options["condition"] == "split":
             above = values["factor_above"] >= values["factor_below"]
             condition = f"where {column} is {'above' if above else 'below'} {values['knee']:.4g}"
