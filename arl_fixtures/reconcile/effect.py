@@ -217,6 +217,13 @@ class Effect(ABC):
         """
         return dict(variant.where)
 
+    def drivers(self, variant: Variant, values: Values, view: View) -> list[str]:
+        """Columns on which the effect depends, strongest first.
+
+        Override it where fitted parameters say which one is the strongest.
+        """
+        return list(variant.drivers)
+
     def says_as_well(self, variant: Variant) -> tuple[str, ...]:
         """Ids that mean the same in the way in which a variant acts, whatever tells their laws apart."""
         return ()

@@ -52,7 +52,7 @@ def named_finding(decision: Decision, index: int) -> Finding:
     effect = term.effect
     sentence = effect.sentence(term.variant, term.values, view)
     return Finding(
-        effect=effect.id, channels=channels, where=where, drivers=list(term.variant.drivers),
+        effect=effect.id, channels=channels, where=where, drivers=effect.drivers(term.variant, term.values, view),
         expression=effect.expression(term.variant), source=effect.source, parameters=_parameters(decision, index),
         statement=statement(sentence, where, twins), alternatives=alternatives, equivalent_to=twins,
         held_out=_held_out(decision, index, channels, gain), strength=gain, term=term,

@@ -218,7 +218,7 @@ def screen(
             continue  # what one displacement leaves at edges is its own error, not a second one
         if _looks_elsewhere(effect, variant) and any(_looks_elsewhere(t.effect, t.variant) for t in others):
             continue
-        alone = restricted and not effect.shared
+        alone = restricted and not effect.shared and column not in variant.where  # else one unit's at another unit
         best: dict[str, Candidate] = {}
         for shapes in starts_of(variant):
             term = Term(effect=effect, variant=variant, values={**default_values(variant), **shapes})

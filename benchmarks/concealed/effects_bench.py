@@ -160,7 +160,12 @@ def _zero_offset(rng: np.random.Generator, rows: Rows, design: Design) -> Effect
             # frames that come late in an ordered sweep shift every angle towards the one before
             *(("acquisition.frame_lag",) if way < 0 and not design.shuffled else ()),
         ),
-        parameters=lambda a: (Parameter(pattern="zero|offset|angle", value=way * a, unit="deg"),),
+        parameters=lambda a: (
+            # play is the whole way from one end to the other
+            Parameter(pattern="play|backlash|hysteresis", value=2.0 * way * a, unit="deg")
+            if design.both_ways
+            else Parameter(pattern="zero|offset|angle", value=way * a, unit="deg"),
+        ),
     )
 
 

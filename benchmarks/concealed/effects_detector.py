@@ -159,6 +159,8 @@ def _crosstalk(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
 
 def _pixel_response(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
     draws = rng.standard_t(6, size=(3, HEIGHT_PX, WIDTH_PX)) / np.sqrt(1.5)
+    drawn = draws[np.array(design.duts)[:, None], design.pixels[:, 1], design.pixels[:, 0]]
+    spread = float(np.std(drawn))  # of the pixels that the table has: few heavy-tailed draws scatter otherwise
 
     def apply(reality: Reality, amount: float) -> None:
         reality.electronics.append(
@@ -174,7 +176,7 @@ def _pixel_response(rng: np.random.Generator, rows: Rows, design: Design) -> Eff
         limit=0.3,
         needs=(*FIELD, "dut"),
         unseen=("steps", "angles"),
-        parameters=lambda a: (Parameter(pattern="sd|std|sigma|spread|scatter", value=a, unit=""),),
+        parameters=lambda a: (Parameter(pattern="sd|std|sigma|spread|scatter", value=spread * a, unit=""),),
     )
 
 

@@ -75,6 +75,16 @@ class RowSkew(Effect):
             added = added * excess(view, variant, column)
         state[distance] = state[distance] + added
 
+    def drivers(self, variant: Variant, values: Values, view: View) -> list[str]:
+        """The axis along which it leans most comes first."""
+        lean = {
+            axis: abs(float(values[name])) * span(view, axis)
+            for name, axis in (("per_row", "pixel_v"), ("per_column", "pixel_u"))
+            if name in values
+        }
+        axes = sorted(lean, key=lambda axis: -lean[axis])
+        return [*axes, *(name for name in variant.drivers if name not in axes)]
+
     def expression(self, variant: Variant) -> str:
         """The law."""
         distance, column = variant.options["channel"], variant.options["temperature"]
