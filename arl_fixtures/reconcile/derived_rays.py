@@ -45,8 +45,8 @@ def derive_rays(columns: Columns, *, known: bool = False) -> bool:
 
 
 def as_the_table_says(variant: Variant, view: View) -> Variant:
-    """A variant whose drivers are columns that the table has."""
-    if not set(variant.drivers) & set(view.columns.derived):
-        return variant
-    drivers = (_STANDS_FOR[name] if name in view.columns.derived else name for name in variant.drivers)
-    return replace(variant, drivers=tuple(dict.fromkeys(drivers)))
+    """A variant whose drivers are columns that the table has: a line of pixels has no rows of them."""
+    known = view.columns.derived
+    drivers = dict.fromkeys(_STANDS_FOR[name] if name in known else name for name in variant.drivers)
+    present = tuple(name for name in drivers if view.has(name) or view.has(f"sim_{name}"))
+    return variant if present == variant.drivers else replace(variant, drivers=present)

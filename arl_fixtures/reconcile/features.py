@@ -7,10 +7,12 @@ import zlib
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
-from arl_fixtures.reconcile.roles import FIELD_COLUMNS, HALF_TURN_DEG, Role
+from arl_fixtures.reconcile.roles import BEARING_SIGNS, FIELD_COLUMNS, HALF_TURN_DEG, PIXEL, Role
 from arl_fixtures.reconcile.view import View
 
 NEIGHBOURS = ((1, 0), (-1, 0), (0, 1), (0, -1))
+_MOST_PIXELS = 1e4
+"""More rows or columns than any image has; with the number of a device still told apart in a float64."""
 LEAST_OWN = 1e-3
 """Share of the median signal below which a row's own counts as that in a ratio: what sees nothing has no ratio."""
 
@@ -25,7 +27,8 @@ def features_of(view: View) -> dict[str, FloatArray]:
 
     Derived ones carry a `~`: `~edge(X)` (mean of the neighbouring pixels over own), `~sweep(X)` (next angle over
     own), `~before(X)` (frame taken before over own), `~frame(X)` (mean of the image over own), `~parity(pixel_u)`,
-    `~within(time_s)` (since the step's first row), `~radius(field)` and `~twist(field)` (see `_field`).
+    `~within(time_s)` (since the step's first row), `~radius(field)` and `~twist(field)` (see `_field`), and
+    `~bearing(azimuth + stage)` (where a pixel looks in the room, in degrees; either sense), `~pixel` (its number).
     """
     logged = view.columns.numbers  # as read: what a law finds without physics may follow the readings
     found: dict[str, FloatArray] = {name: logged[name][view.rows] for name in view.covariates() if name != "n_frames"}
@@ -63,6 +66,12 @@ def features_of(view: View) -> dict[str, FloatArray]:
     if within is not None:
         found["~within(time_s)"] = within
     found |= _field(view)
+    if view.has("azimuth_deg") and view.has("stage_angle_deg") and "azimuth_deg" not in view.columns.derived:
+        azimuth, stage = logged["azimuth_deg"][view.rows], logged["stage_angle_deg"][view.rows]
+        found |= {name: azimuth + sign * stage for name, sign in BEARING_SIGNS.items()}
+    if view.has("pixel_u") and view.has("pixel_v"):
+        device = found["dut"] if "dut" in found else np.zeros(view.n)
+        found[PIXEL] = (device * _MOST_PIXELS + view.number("pixel_v")) * _MOST_PIXELS + view.number("pixel_u")
     for name in ("pixel_u", "pixel_v"):
         if view.varies(name):
             found[f"~parity({name})"] = np.mod(view.number(name), 2.0)

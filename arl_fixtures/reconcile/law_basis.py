@@ -16,7 +16,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.law import Axis, Features
-from arl_fixtures.reconcile.roles import counts_visits, unit_of
+from arl_fixtures.reconcile.roles import BEARING_SIGNS, counts_visits, unit_of
 
 KNOTS, MAP_KNOTS = 12, 6
 FINE_KNOTS = 24
@@ -215,7 +215,8 @@ def waves_of(first: str, turns: float, second: str = "", more: float = 0.0) -> t
 
 def is_proxy(column: str) -> bool:
     """Whether a column goes along with what drives an effect rather than drives it: an order, or the simulation."""
-    return column in UNLIKELY or column.startswith(("~", "sim_"))
+    derived = column.startswith(("~", "sim_")) and column not in BEARING_SIGNS
+    return column in UNLIKELY or derived
 
 
 def price_of(columns: tuple[str, ...]) -> float:
@@ -228,6 +229,8 @@ def _price_of(column: str) -> float:
         return UNLIKELY[column]
     if counts_visits(column):
         return UNLIKELY["step"]
+    if column in BEARING_SIGNS:
+        return 0.0
     if column.startswith("~"):
         return FAR_FETCHED
     return OPERATING if unit_of(column) in {"V", "A", "us"} and not column.startswith("sim_") else 0.0

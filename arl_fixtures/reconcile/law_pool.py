@@ -29,9 +29,10 @@ from arl_fixtures.reconcile.law_basis import (
     waves_of,
 )
 from arl_fixtures.reconcile.law_candidates import Candidates
+from arl_fixtures.reconcile.law_pixels import drifts_of
 from arl_fixtures.reconcile.law_work import Candidate, Work
 from arl_fixtures.reconcile.pilot import Looker
-from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.roles import PIXEL, Role
 
 MOST_LEADING = 7
 SHARED_PRICE, PRICE_PAIR_WAVE = 3.0, 7.0
@@ -60,6 +61,8 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
     ranked: dict[str, float] = {}
     simple: dict[str, list[Candidate]] = {}
     for name, values in work.features.items():
+        if name == PIXEL:
+            continue
         category = not name.startswith(("~", "sim_")) and view.is_category(name)
         labels = view.labels(name) if category else ()
         extra = price_of((name,)) + _shared_price(work, (name,))
@@ -105,6 +108,7 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
     units = looker.problem.groups.unit_columns
     numeric = [n for n in ranking if not (n in units or (not n.startswith(("~", "sim_")) and view.is_category(n)))]
     pool.add(bands_of(work, numeric, lines))
+    pool.add(drifts_of(work, numeric))
     pool.add(_refined(work, looker, pool.items))
     return pool
 

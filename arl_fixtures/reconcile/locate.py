@@ -23,7 +23,7 @@ from arl_fixtures.reconcile.noise import fit_tau
 from arl_fixtures.reconcile.patterns import half_z, shared_part
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.problem import ChannelData
-from arl_fixtures.reconcile.roles import FIELD_COLUMNS, Role
+from arl_fixtures.reconcile.roles import FIELD_COLUMNS, PIXEL, Role
 
 BoolArray = NDArray[np.bool_]
 
@@ -195,7 +195,7 @@ def _binnings(features: dict[str, FloatArray], looker: Looker) -> Iterator[tuple
     """Columns cut into bins, image columns and rows also modulo a period."""
     view = looker.problem.view
     for name, values in features.items():
-        if name.startswith("~parity"):
+        if name.startswith("~parity") or name == PIXEL:
             continue
         if view.is_category(name) if not name.startswith(("~", "sim_")) else False:
             labels = view.labels(name)

@@ -16,7 +16,7 @@ from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.estimated_noise import estimated_error, group_median, noise_quantities
 from arl_fixtures.reconcile.features import features_of
 from arl_fixtures.reconcile.problem import ChannelData, Problem
-from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.roles import BEARING_SIGNS, PIXEL, Role
 
 MOST_ROWS = 12_000
 TAIL_Z = 2.5
@@ -60,7 +60,10 @@ class Looker:
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
         self.features = features_of(problem.view)
-        self.binned: Binned = bin_columns(self.features)
+        if not (problem.view.varies("azimuth_deg") and problem.view.varies("stage_angle_deg")):
+            for name in BEARING_SIGNS:  # the other one of the two says the same
+                self.features.pop(name, None)
+        self.binned: Binned = bin_columns({n: x for n, x in self.features.items() if n != PIXEL})
 
     def rows_of(self, data: ChannelData) -> IntArray:
         """Rows of a channel that are looked at: at most `MOST_ROWS`, evenly spread."""

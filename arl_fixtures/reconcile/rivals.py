@@ -13,7 +13,7 @@ from arl_fixtures.reconcile.locate import locate
 from arl_fixtures.reconcile.patterns import Pattern
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import ChannelData, Problem
-from arl_fixtures.reconcile.roles import FIELD_COLUMNS, PIXEL_COLUMNS, Role, told_by
+from arl_fixtures.reconcile.roles import BEARING_SIGNS, FIELD_COLUMNS, PIXEL_COLUMNS, Role, told_by
 from arl_fixtures.reconcile.terms import Term, forward
 
 BEATEN_BY, BEATEN_SHARE = 12.0, 0.05
@@ -22,11 +22,14 @@ BEATEN_PLAIN = 0.03
 """Share of what the names explain to independent rows by which a law without physics must at least be better."""
 NEIGHBOURS = ("~edge", "~sweep", "~before", "~frame")
 AT_EDGES = (*NEIGHBOURS, "mixed")
+OF_BEARINGS = PIXEL_COLUMNS | {"stage_angle_deg", "incidence_deg", "surface"}
+"""What a name follows that acts at some bearings of a scene more than at others."""
 MIXED_SHARE = 2.0
 """The share for a law of neighbouring rows where the name mixes rows with their neighbours: it says the same."""
 _MEDIAN_OF_SQUARE = 0.4549  # of a standard normal deviate
 _PLACES = {
-    *PIXEL_COLUMNS, *FIELD_COLUMNS, "stage_angle_deg", "surface", "reflectance", "distance", "incidence_deg",
+    *PIXEL_COLUMNS, *FIELD_COLUMNS, *BEARING_SIGNS,
+    "stage_angle_deg", "surface", "reflectance", "distance", "incidence_deg",
 }  # fmt: skip
 """What tells where in a scene a row looks: by these an edge is found that something moves."""
 ACTS_ON, ACTS_AT_MOST, LEFT_THERE = 0.99, 0.3, 0.9
@@ -65,7 +68,7 @@ def says_the_same(acting: Sequence[Term], columns: Sequence[str]) -> bool:
 def mends_the_same(acting: Sequence[Term], leading: Sequence[str]) -> bool:
     """Whether what names leave that mix rows with their neighbours, or move them, lies at edges again."""
     near = all(t.effect.mixes or t.effect.displaces for t in acting)
-    return near and all(c.startswith(AT_EDGES) for c in leading[:2])
+    return near and all(c.startswith(AT_EDGES) or c in BEARING_SIGNS for c in leading[:2])
 
 
 def lies_where_names_act(problem: Problem, d: ChannelData, acting: Sequence[Term], terms: Sequence[Term]) -> bool:
@@ -101,9 +104,11 @@ def needed_by_law(
     share = MIXED_SHARE if at_edges or says_the_same(acting, columns) else BEATEN_SHARE
     known = {_kind_of(c) for term in acting for c in term.variant.drivers}
     # a law of the names' own columns has the freer shape only, where one of others tells of another cause
-    own = {_kind_of(c) for c in columns if c not in FIELD_COLUMNS} <= known
+    own = {_kind_of(c) for c in columns if c not in FIELD_COLUMNS and c not in BEARING_SIGNS} <= known
     if set(columns) & set(FIELD_COLUMNS):
         own = own and bool(known & PIXEL_COLUMNS)
+    if set(columns) & set(BEARING_SIGNS):
+        own = own and bool(known & OF_BEARINGS)
     least = 2.0 * BEATEN_BY if own else BEATEN_BY
     return named + max(least, share * named, BEATEN_PLAIN * plain)
 

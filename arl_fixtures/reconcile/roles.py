@@ -34,6 +34,11 @@ PIXEL_COLUMNS = frozenset({"pixel_u", "pixel_v", "azimuth_deg", "elevation_deg"}
 """Where a pixel is in the image, or looks."""
 FIELD_COLUMNS = ("~radius(field)", "~twist(field)")
 """Derived from both columns of a pixel's place: what optics that are round, or bent by torsion, depend on."""
+PIXEL = "~pixel"
+"""Number of a pixel of a device, the same in every table: a name of it, not a size."""
+BEARING_SIGNS = {"~bearing(azimuth + stage)": 1.0, "~bearing(azimuth - stage)": -1.0}
+"""Where a pixel looks in the room, by the sense in which azimuths and stage angles count: what stands there shows on
+whichever pixel looks at it."""
 
 
 class Role(Enum):

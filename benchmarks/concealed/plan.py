@@ -7,6 +7,7 @@ import numpy as np
 
 from benchmarks.concealed import (
     camera,
+    effects_bearing,
     effects_bench,
     effects_detector,
     effects_laser,
@@ -42,6 +43,7 @@ LIBRARY: tuple[Recipe, ...] = (
 UNKNOWN: tuple[Recipe, ...] = (
     *effects_unknown.RECIPES,
     *effects_strange.RECIPES,
+    *effects_bearing.RECIPES,
     *thermal_plant.UNKNOWN,
     *zone_sensor.UNKNOWN,
     *camera.UNKNOWN,
