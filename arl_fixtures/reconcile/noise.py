@@ -24,6 +24,8 @@ from arl_fixtures.reconcile.columns import FloatArray, IntArray
 
 GAUGE_FREEDOM = 12.0
 """Degrees of freedom on which a declared repeatability counts as resting: it is then off by 20 %, one in three."""
+FEWEST_CROSSED = 4
+"""Groups of a level that a step must hold on average for its mean to tell of the step, not of them."""
 UNNOTICED = 0.5
 """Scatter between steps that a repeatability stated as nil leaves possible, in standard errors of a step's mean."""
 
@@ -52,6 +54,11 @@ class Level:
     def freedom(self) -> float:
         """Degrees of freedom of what the table states about the scatter."""
         return GAUGE_FREEDOM if self.declared else 0.0
+
+    def is_crossed(self, step: Level) -> bool:
+        """Whether each step holds several of the groups: what a step shares is then told from them."""
+        pairs = np.unique(step.code * self.count + self.code).size
+        return bool(pairs >= FEWEST_CROSSED * step.count)
 
     def part(self, rows: IntArray) -> Level:
         """The grouping on some of its rows."""

@@ -201,7 +201,8 @@ class ChannelData:
     ) -> tuple[float, float]:
         """Scatter of one level and its gain of likelihood over the level's floor.
 
-        Images are nested in steps: their scatter is what remains beside the mean of their step.
+        Images are nested in steps: their scatter is what remains beside the mean of their step. So is that of pixels
+        and angles, which see more of one step than of another where rows are missing.
         """
         return self._level_scatter(*self._centred(residual), level, partial, lost)
 
@@ -218,12 +219,12 @@ class ChannelData:
         self, centred: FloatArray, count: float, level: Level, partial: Whitener, lost: float
     ) -> tuple[float, float]:
         step = next((other for other in self.levels if other.name == "step"), None)
-        if level.name == "frame" and step is not None:
+        if step is not None and (level.name == "frame" or (level.name != "step" and level.is_crossed(step))):
             weight = self.root_weight**2
             top = np.bincount(step.code, weight * self.scale * centred, minlength=step.count)
             bottom = np.bincount(step.code, weight * self.scale**2, minlength=step.count)
             centred = centred - self.scale * (top / np.maximum(bottom, 1e-300))[step.code]
-            count = float(step.count)
+            count = float(step.count) if level.name == "frame" else max(count, 1.0)
         elif level.name == "step":
             count += lost
         sums, weight = partial.group_sums(centred, level.name)

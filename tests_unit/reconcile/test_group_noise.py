@@ -1,12 +1,15 @@
 """Whitening and group scatter against dense linear algebra and simulated groups."""
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
 from arl_fixtures.reconcile.noise import GAUGE_FREEDOM, Level, Whitener, fit_tau, surprise
+from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.table import columns_of
 
 
 def levels(rng: np.random.Generator, steps: int, frames: int, rows: int) -> tuple[np.ndarray, tuple[Level, ...]]:
@@ -80,3 +83,24 @@ def test_a_stated_repeatability_gives_way_to_many_steps_and_hardly_to_few():
     assert plain == pytest.approx(2.0, rel=0.15)
     assert many == pytest.approx(plain, rel=0.1)
     assert few < min(fit_tau(twice[:6], weight[:6], floor=1.0)[0], 0.8 * plain)
+
+
+def test_pixels_that_see_more_of_one_step_than_of_another_do_not_seem_to_differ():
+    rng = np.random.default_rng(12)
+    step, pixel = (part.ravel() for part in np.mgrid[0:13, 0:400])
+    kept = np.sort(rng.permutation(step.size)[: step.size // 2])  # returns are lost at random
+    step, pixel = step[kept], pixel[kept]
+    sim = np.full(step.size, 800.0)
+    shared = rng.normal(0.0, 0.006, 13)[step]
+    seen = sim * (1.0 + shared) + rng.normal(0.0, 2.0, step.size)
+    table = pa.table({
+        "step": step, "pixel_u": pixel, "sim_intensity_counts": sim, "intensity_counts": seen,
+        "sim_intensity_counts_std": np.full(step.size, 2.0),
+        "sim_intensity_counts_repeat_std": 0.006 * sim,
+    })  # fmt: skip
+    problem = Problem(columns_of(table))
+    (data,) = problem.data
+    _, tau = data.fit_scatter(data.residual(problem.view.fresh_state()))
+    error = 2.0 / 800.0 / np.sqrt(6.5)  # of a pixel's mean
+    assert tau["pixel"] < 0.5 * error
+    assert 0.6 < tau["step"] < 1.6

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Option, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effect import Option, Parameter, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     LightFactor,
@@ -28,12 +29,15 @@ from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
 _BOLTZMANN_EV = 8.617e-5
+FEWEST_UNITS, MOST_UNITS = 3, 16
+"""Units of which each may age at its own pace: of two the one is told by a loss of its own."""
 
 
 class PowerDecay(LightFactor):
     """I *= exp(−loss · age^exponent), age from 0 to 1 over the table; or age weighted by exp(−E/kT).
 
     * age: a column that counts it; of one that counts cycles also with the time within the cycle as a part of one.
+    * each (where several units age): every unit loses its own share, by one exponent.
     * curve (where a drive current is swept): I(J) = exp(−loss·a^exponent) · I_sim(J − threshold_rise·a^exponent):
       what is lost in the cavity raises the threshold and lowers the slope.
     """
@@ -60,6 +64,7 @@ class PowerDecay(LightFactor):
                     channels=light_channels(view, channel),
                     drivers=(column,),
                 )
+                yield from _each(view, plain, column, exponent)
                 if column == "cycle" and view.varies("time_s"):
                     yield Variant(
                         effect=self.id,
@@ -118,7 +123,7 @@ class PowerDecay(LightFactor):
             origin = float(variant.options["reference"])
             worn = on_rows(view, _wear(record, float(values["activation_energy"]), origin)) / length
             return np.exp(-np.minimum(float(values["loss"]) * worn, 20.0))
-        return np.asarray(np.exp(-np.minimum(float(values["loss"]) * _age(variant, values, view), 20.0)))
+        return np.asarray(np.exp(-np.minimum(_loss(variant, values, view) * _age(variant, values, view), 20.0)))
 
     def expression(self, variant: Variant) -> str:
         """The law."""
@@ -131,18 +136,22 @@ class PowerDecay(LightFactor):
             )
         if "within" in variant.options:
             column = f"{column} + {variant.options['within']} / {variant.options['period']:g}"
-        law = f"{channel} *= exp(-loss * a^exponent), a = {column} from 0 (first) to 1 (last)"
+        loss = "loss[dut]" if "units" in variant.options else "loss"
+        law = f"{channel} *= exp(-{loss} * a^exponent), a = {column} from 0 (first) to 1 (last)"
         if "current" in variant.options:
             law = f"{channel} = {channel}({variant.options['current']} - threshold_rise * a^exponent), then {law}"
         return law
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Loss from first to last."""
-        lost = -np.expm1(-float(values["loss"])) * 100.0
+        losses = [float(values[name]) for name in _losses(variant)]
+        least, most = (-np.expm1(-loss) * 100.0 for loss in (min(losses), max(losses)))
+        lost = f"{most:.1f}" if len(losses) == 1 else f"{least:.1f} to {most:.1f}"
+        which = "" if len(losses) == 1 else ", each unit by its own share"
         column = str(variant.options["age"])
         low, high = view.span(column) if view.has(column) else (0.0, 0.0)
         faster = f", faster while {variant.options['temperature']} is high" if variant.options["temperature"] else ""
-        return f"The light fades by {lost:.1f} % from {column} {low:.4g} to {high:.4g} {_plain(column)}{faster}."
+        return f"The light fades by {lost} % from {column} {low:.4g} to {high:.4g} {_plain(column)}{faster}{which}."
 
     def next_experiment(self, variant: Variant) -> str:
         """What tells it from a dirty window."""
@@ -151,6 +160,39 @@ class PowerDecay(LightFactor):
             "pump "
             "time or drive current, which move before the power does."
         )
+
+
+def _each(view: View, plain: dict[str, Option], column: str, exponent: Parameter) -> Iterable[Variant]:
+    """Every unit's own loss, of units that are few enough to tell each by its name."""
+    units = view.labels("dut")
+    if not FEWEST_UNITS <= len(units) <= MOST_UNITS:
+        return
+    options: dict[str, Option] = {**plain, **age_options(view, column), "units": json.dumps(list(units))}
+    yield Variant(
+        effect=PowerDecay.id,
+        options=options,
+        parameters=(*(amplitude(f"loss_{unit}", "1", 0.0, 3.0, 0.05) for unit in units), exponent),
+        channels=light_channels(view, str(plain["channel"])),
+        drivers=(column, "dut"),
+        where={"dut": list(units)},
+    )
+
+
+def _losses(variant: Variant) -> list[str]:
+    """Names of the parameters that say how much is lost."""
+    if "units" not in variant.options:
+        return ["loss"]
+    return [f"loss_{unit}" for unit in json.loads(str(variant.options["units"]))]
+
+
+def _loss(variant: Variant, values: Values, view: View) -> FloatArray | float:
+    """What is lost by the end, of each row's unit; of one that was not seen the mean of the others."""
+    if "units" not in variant.options:
+        return float(values["loss"])
+    own = {unit: float(values[f"loss_{unit}"]) for unit in json.loads(str(variant.options["units"]))}
+    codes, labels = view.codes("dut")
+    mean = float(np.mean(list(own.values())))
+    return np.array([*(own.get(label, mean) for label in labels), mean])[codes]
 
 
 def _running_options(view: View) -> dict[str, Option]:
