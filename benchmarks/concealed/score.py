@@ -10,6 +10,8 @@ import pyarrow.parquet as pq
 
 from benchmarks.concealed.run_tool import Answer
 
+LEAST_POSSIBLE = 4.0
+"""Square of the effect on all unseen rows, in standard errors, below which there is no improvement to have."""
 UNITS = {
     "1/K": ("1/K", 1.0),
     "%/K": ("1/K", 1e-2),
@@ -96,7 +98,10 @@ def overlap(said: dict[str, list[Any]], true: dict[str, list[Any]], columns: dic
 
 
 def unseen_explained(case: Path, oracle: Path, answer: Answer, channels: set[str]) -> float | None:
-    """Share of the possible held-out improvement: 1 − Σ(said − true)² / Σ(sim − true)², in standard errors."""
+    """Share of the possible held-out improvement: 1 − Σ(said − true)² / Σ(sim − true)², in standard errors.
+
+    None where the unseen blocks hold next to nothing of the effect, such as a defocus at the temperature of focus.
+    """
     table, truth = pq.read_table(case / "heldout.parquet"), pq.read_table(oracle)
     names = table.column_names
     frames = np.maximum(table["n_frames"].to_numpy().astype(float), 1.0) if "n_frames" in names else 1.0
@@ -113,7 +118,7 @@ def unseen_explained(case: Path, oracle: Path, answer: Answer, channels: set[str
         corrected = np.where(np.isfinite(corrected), corrected, sim)
         left += float(np.sum((((corrected - real) / sigma)[fine]) ** 2))
         before += float(np.sum((((sim - real) / sigma)[fine]) ** 2))
-    return None if before <= 0 else 1.0 - left / before
+    return None if before < LEAST_POSSIBLE else 1.0 - left / before
 
 
 def _parameters(told: dict[str, Any], finding: dict[str, Any]) -> list[tuple[str, float, bool]]:
