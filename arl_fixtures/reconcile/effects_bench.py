@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from arl_fixtures.reconcile.effects_bench_scene import scenes_of
 from arl_fixtures.reconcile.effects_camera import Camera, cameras_of
 from arl_fixtures.reconcile.effects_common import distances, per_table, signals
 from arl_fixtures.reconcile.effects_rays import Optics, Spots, look
@@ -25,7 +26,7 @@ _RAYS = (3, 1, 2, 4, 5, 7)
 _SOFT_RAYS = 3
 _HEIGHTS_M = (0.10, 0.0, -0.10)
 _OTHER_HEIGHTS_M = np.round(np.arange(-0.40, 0.401, 0.01), 2)
-_MOST_MISFIT, _BETTER = 0.05, 0.8
+_MOST_MISFIT, _MOST_MISFIT_M, _BETTER = 0.05, 0.005, 0.8
 _LIKELY_HEIGHTS = 8
 _CHECKED = 2000
 _FEWEST = 20
@@ -92,7 +93,7 @@ class _Sample:
 
     Attributes:
         spots: of the sample; pixel: of each spot, a number.
-        signal: simulated; beam: illumination of the pixel; range_m: simulated.
+        signal: simulated; beam: illumination of the pixel; range_m: simulated; empty where the table has none.
         pedestal: additive signal; ahead_m: constant range; gain: of the signal over beam and light.
     """
 
@@ -108,9 +109,13 @@ class _Sample:
     def off(self, optics: Optics, height_m: float) -> tuple[FloatArray, FloatArray]:
         """Logarithm of light and range that a bench leaves; NaN where not seen."""
         light, range_m = self._seen(optics, height_m)
+        bright, away = 0.0 * light, 0.0 * range_m  # what the table does not simulate agrees
         with np.errstate(invalid="ignore", divide="ignore"):
-            bright = np.log((self.signal - self.pedestal) / self.beam)
-            return bright - np.log(light), self.range_m - self.ahead_m - range_m
+            if self.signal.size:
+                bright = np.log((self.signal - self.pedestal) / self.beam) - np.log(light)
+            if self.range_m.size:
+                away = self.range_m - self.ahead_m - range_m
+        return bright, away
 
     def calibrated(self, optics: Optics, height_m: float) -> _Sample:
         """The sample with gain, additive signal and constant range as the bench at a height leaves them.
@@ -118,9 +123,12 @@ class _Sample:
         By least absolute deviations (relative ones of the signal), since edges and other surfaces may differ.
         """
         light, range_m = self._seen(optics, height_m)
+        near = self.range_m - range_m if self.range_m.size else 0.0 * range_m
+        if not self.signal.size:
+            seen = near[np.isfinite(near)]
+            return replace(self, ahead_m=float(np.median(seen))) if seen.size >= _FEWEST else self
         with np.errstate(invalid="ignore", divide="ignore"):
             column = light * self.beam / self.signal
-            near = self.range_m - range_m
         good = np.isfinite(column) & (column > 0.0) & np.isfinite(near)
         if good.sum() < _FEWEST:
             return self
@@ -149,30 +157,36 @@ class _Sample:
 def _recognise(view: View) -> Bench | None:
     table = view.columns
     needed = ("pixel_u", "pixel_v", "stage_angle_deg")
-    if any(name not in table.numbers for name in needed) or not distances(view) or not signals(view):
+    if any(name not in table.numbers for name in needed) or not (distances(view) or signals(view)):
         return None
     code = table.group("dut", *needed)
     first = np.zeros(int(code.max()) + 1, dtype=np.int64)
     first[code] = np.arange(table.n)
     if not all(np.isfinite(table.numbers[name][first]).all() for name in needed):
         return None
-    found = (_through(view, camera, code, first) for camera in cameras_of(view))
+    found = (
+        _through(view, camera, scene, code, first)
+        for camera in cameras_of(view)
+        for scene in scenes_of(view, camera, first)
+    )
     return next((bench for bench in found if bench is not None), None)
 
 
-def _through(view: View, camera: Camera, code: IntArray, first: IntArray) -> Bench | None:
-    """The bench seen through a camera; None where that is not what the simulation shows.
+def _through(view: View, camera: Camera, scene: SceneSettings, code: IntArray, first: IntArray) -> Bench | None:
+    """A scene seen through a camera; None where that is not what the simulation shows.
 
     Args:
         code: spot of every row of the whole table; first: a row of each spot.
     """
     table = view.columns
     u, v, stage = (table.numbers[name][first] for name in ("pixel_u", "pixel_v", "stage_angle_deg"))
-    unit = 1e3 if distances(view)[0].endswith("_mm") else 1.0
+    lit, ranged = next(iter(signals(view)), ""), next(iter(distances(view)), "")
+    unit = 1e3 if ranged.endswith("_mm") else 1.0
     device = table.group("dut")[first]
-    soft = Optics(camera=camera, rays=_SOFT_RAYS, soft_rad=1.0 / (_SOFT_RAYS * camera.fx), scene=SceneSettings())
-    signal, beam = table.numbers[f"sim_{signals(view)[0]}"][first], np.exp(camera.log_beam(u, v))
-    range_m = table.numbers[f"sim_{distances(view)[0]}"][first] / unit
+    soft = Optics(camera=camera, rays=_SOFT_RAYS, soft_rad=1.0 / (_SOFT_RAYS * camera.fx), scene=scene)
+    beam, nothing = np.exp(camera.log_beam(u, v)), np.zeros(0)
+    signal = table.numbers[f"sim_{lit}"][first] if lit else nothing
+    range_m = table.numbers[f"sim_{ranged}"][first] / unit if ranged else nothing
     heights, pedestal, ahead, samples = np.zeros(first.size), np.zeros(first.size), np.zeros(first.size), []
     places: list[IntArray] = []
     for dut in range(int(device.max()) + 1):
@@ -180,9 +194,11 @@ def _through(view: View, camera: Camera, code: IntArray, first: IntArray) -> Ben
         some = mine[np.unique(np.linspace(0, mine.size - 1, min(_CHECKED, mine.size)).astype(np.int64))]
         spots = Spots(u=u, v=v, stage_deg=stage, height_m=heights).take(some)
         pixel = np.unique(spots.u * 4096.0 + spots.v, return_inverse=True)[1]
-        sample = _likelier(
-            _Sample(spots=spots, signal=signal[some], beam=beam[some], range_m=range_m[some], pixel=pixel), soft
-        )
+        seen = _Sample(
+            spots=spots, signal=signal[some] if lit else nothing, beam=beam[some],
+            range_m=range_m[some] if ranged else nothing, pixel=pixel,
+        )  # fmt: skip
+        sample = _likelier(seen, soft)
         height = _height(sample, soft)
         if height is None:
             return None
@@ -247,7 +263,8 @@ def _height(sample: _Sample, soft: Optics) -> float | None:
         others = [found for found in others[:_LIKELY_HEIGHTS] if found[0] < _BETTER * nominal[0]]
         # boards of circles look alike a pitch higher: sharp rays tell them apart
         best = min(others, key=lambda found: _unequal(*sample.off(rays, found[1]), sample.pixel), default=nominal)
-    alike = best[0] < _MOST_MISFIT or any(
+    most = _MOST_MISFIT if sample.signal.size else _MOST_MISFIT_M
+    alike = best[0] < most or any(
         _unequal(*sample.off(replace(rays, rays=count), best[1]), sample.pixel) < _MOST_UNEQUAL for count in _RAYS
     )
     return best[1] if alike and np.isfinite(best[0]) else None

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from traced_bench import LIGHT, RANGE, table
+from traced_bench import LIGHT, RANGE, seen_as_measured, table, with_surfaces
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.columns import find_channels
 from arl_fixtures.reconcile.derived_rays import as_the_table_says, derive_rays
 from arl_fixtures.reconcile.effects_bench import bench_of, is_sharp
+from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.view import View
 
@@ -33,6 +34,26 @@ def without_rays(columns):
 )
 def test_a_calibrated_bench_is_seen_as_the_bench(fitted):
     assert is_sharp(View(calibrated(table(), **fitted)))
+
+
+@pytest.mark.parametrize("missing", [LIGHT, RANGE])
+def test_one_channel_is_enough_to_see_the_bench(missing):
+    def without(columns):
+        for name in (f"sim_{missing}", f"sim_{missing}_std", missing):
+            del columns.numbers[name]
+        columns.channels = find_channels(set(columns.numbers))
+        return columns
+
+    assert is_sharp(View(without(table())))
+    assert bench_of(View(without(table(panels=False)))) is None
+
+
+def test_a_bench_with_its_panels_elsewhere_is_seen_and_moves_like_it():
+    rebuilt = {"arc_m": 0.87, "wall_m": 1.35}
+    assert bench_of(View(table(**rebuilt))) is None  # nothing says what is looked at
+    columns = with_surfaces(table(turn_deg=0.3, noise=False, **rebuilt), **rebuilt)
+    assert is_sharp(View(columns))
+    assert seen_as_measured(columns, Pose(turn_deg=0.3)) > 0.97
 
 
 def test_another_scene_is_not_calibrated_into_the_bench():

@@ -13,7 +13,10 @@ THIRDS = (-1 / 3, 0.0, 1 / 3)
 FIFTEENTHS = tuple((np.arange(15) - 7.0) / 15.0)
 
 
-def trace(u, v, stage_deg, height_m, *, fx=58.1, tilt_deg=(0.0, 0.0, 0.0), forward_m=0.0, panels=True, places=THIRDS):
+def trace(
+    u, v, stage_deg, height_m, *, fx=58.1, tilt_deg=(0.0, 0.0, 0.0), forward_m=0.0, panels=True, places=THIRDS,
+    arc_m=1.1, wall_m=1.6,
+):  # fmt: skip
     """Light and range of pixels: yaw right, pitch up and roll clockwise in `tilt_deg`; `places` of its rays."""
     lights, moments = np.zeros(u.size), np.zeros(u.size)
     yaw, pitch, roll = np.radians(tilt_deg)
@@ -26,20 +29,22 @@ def trace(u, v, stage_deg, height_m, *, fx=58.1, tilt_deg=(0.0, 0.0, 0.0), forwa
             x, y = np.cos(roll) * x - np.sin(roll) * y, np.sin(roll) * x + np.cos(roll) * y
             y, z = np.cos(pitch) * y - np.sin(pitch) * z, np.sin(pitch) * y + np.cos(pitch) * z
             x, z = np.cos(yaw) * x + np.sin(yaw) * z, -np.sin(yaw) * x + np.cos(yaw) * z
-            light, far = one_ray(np.arctan2(x, z), -y, np.radians(stage_deg), height_m, forward_m, panels)
+            light, far = one_ray(
+                np.arctan2(x, z), -y, np.radians(stage_deg), height_m, forward_m, panels, arc_m, wall_m
+            )
             lights += light / len(places) ** 2
             moments += light * far / len(places) ** 2
     return lights, moments / lights
 
 
-def one_ray(azimuth, up, stage, height_m, forward_m, panels):
+def one_ray(azimuth, up, stage, height_m, forward_m, panels, arc_m=1.1, wall_m=1.6):
     """Light and range of rays: clockwise azimuth in the sensor's frame, sine of the elevation."""
     level = np.sqrt(1.0 - up * up)
     bearing = azimuth + stage
     east, north = forward_m * np.sin(stage), forward_m * np.cos(stage)  # clockwise from the arc's centre
     b = east * np.sin(bearing) + north * np.cos(bearing)
-    far = (np.sqrt(b * b + 1.6**2 - forward_m**2) - b) / level
-    cosine = level * (b + far * level) / 1.6
+    far = (np.sqrt(b * b + wall_m**2 - forward_m**2) - b) / level
+    cosine = level * (b + far * level) / wall_m
     rho = np.full(up.shape, 0.06)
     targets = [(a, 0.0675, 0.40, value, False) for a, value in STRIPES] + [
         (a, 0.28, 0.28, 0.05, True) for a in BOARDS
@@ -47,7 +52,7 @@ def one_ray(azimuth, up, stage, height_m, forward_m, panels):
     for angle, half, tall, value, dots in targets if panels else ():
         off = bearing + np.radians(angle)
         toward = level * np.cos(off)
-        ahead = 1.1 - (north * np.cos(np.radians(angle)) - east * np.sin(np.radians(angle)))
+        ahead = arc_m - (north * np.cos(np.radians(angle)) - east * np.sin(np.radians(angle)))
         distance = np.where(toward > 0.05, ahead / np.maximum(toward, 0.05), 50.0)
         side = east * np.cos(np.radians(angle)) + north * np.sin(np.radians(angle))
         aside, above = side + distance * level * np.sin(off), height_m + distance * up
@@ -70,7 +75,7 @@ def table(*, seed=3, height_m=0.10, turn_deg=0.0, noise=True, angles=41, pixels=
     axes = np.meshgrid(np.arange(3), np.linspace(-18.0, 18.0, angles), np.arange(pixels), indexing="ij")
     step, stage, which = (axis.ravel() for axis in axes)
     u, v = (flat % 122 + 3.0)[which], (flat // 122 + 3.0)[which]
-    own = {name: real[name] for name in ("fx", "panels") if name in real}
+    own = {name: real[name] for name in ("fx", "panels", "arc_m", "wall_m") if name in real}
     sim_light, sim_far = trace(u, v, stage, height_m, **own)
     light, far = trace(u, v, stage + turn_deg, height_m, **real)
     if whole:
@@ -109,3 +114,15 @@ def seen_as_measured(columns, pose):
     light = view.sim[LIGHT] * there[LIGHT] / here[LIGHT]
     far = view.sim[RANGE] + there[RANGE] - here[RANGE]
     return np.mean((np.abs(light / view.number(LIGHT) - 1.0) < 1e-3) & (np.abs(far - view.number(RANGE)) < 1e-4))
+
+
+def with_surfaces(columns, *, arc_m, wall_m):
+    """The table with a column that names what each row looks at."""
+    numbers = columns.numbers
+    level = numbers[f"sim_{RANGE}"] * np.cos(np.radians(numbers["elevation_deg"]))
+    bearing = numbers["azimuth_deg"] + numbers["stage_angle_deg"]
+    off = np.abs(bearing[:, None] + np.array([*(angle for angle, _ in STRIPES), *BOARDS]))
+    code = np.where(level > 0.5 * (arc_m + wall_m), 5, np.argmin(off, axis=1)).astype(np.int64)
+    names = ("stripe_18", "stripe_50", "stripe_80", "intrinsic_left", "intrinsic_right", "wall")
+    columns.categories["surface"] = (code, names)
+    return columns
