@@ -145,6 +145,20 @@ def test_a_pixel_s_area_is_what_one_ray_does_not_see():
         assert np.sum((after - true) ** 2) < 0.02 * np.sum((before - true) ** 2)
 
 
+def test_a_pixel_s_area_shows_in_ranges_alone():
+    columns = calibrated(through_centre_rays(), measured=True)
+    for name in (LIGHT, f"sim_{LIGHT}", f"sim_{LIGHT}_std"):
+        del columns.numbers[name]
+    columns.channels = find_channels(set(columns.numbers))
+    view = View(columns)
+    effect = library()["target.edge_mixing"]
+    variant = next(v for v in effect.variants(view) if v.options["kind"] == "footprint")
+    state = view.fresh_state()
+    effect.apply(variant, {"share": 1.0, "filled": 1.0}, state, view)
+    true, before = columns.numbers[RANGE], columns.numbers[f"sim_{RANGE}"]
+    assert np.sum((state[RANGE] - true) ** 2) < 0.02 * np.sum((before - true) ** 2)
+
+
 # ---- light that bounces ----------------------------------------------------------------------------------------
 
 

@@ -47,14 +47,13 @@ class EdgeMixing(Effect):
 
     def variants(self, view: View) -> Iterable[Variant]:
         """Which surface wins, and how much of the other is in it."""
-        if is_sharp(view) and view.channel(Role.INTENSITY):
+        if is_sharp(view):
+            lights = light_channels(view, view.channel(Role.INTENSITY)) if view.channel(Role.INTENSITY) else ()
             yield Variant(
                 effect=self.id,
                 options={"kind": "footprint"},
                 parameters=(amplitude("share", "1", -0.5, 1.5, 0.5), shape("filled", "px", 0.3, 1.5, 1.0, 0.7)),
-                channels=tuple(
-                    dict.fromkeys((*distances(view), *(light_channels(view, view.channel(Role.INTENSITY)))))
-                ),
+                channels=tuple(dict.fromkeys((*distances(view), *lights))),
                 drivers=tuple(name for name in ("mixed", "surface", "pixel_u") if view.has(name)),
                 rough=True,
             )
@@ -157,6 +156,10 @@ def _spread(view: View, state: State, share: float, filled: float) -> None:
     mean, rays = footprint(view, filled), rendered(view)
     channel = view.channel(Role.INTENSITY)
     if mean is None or rays is None:
+        return
+    if not channel:
+        for name in distances(view):
+            state[name] = state[name] + share * (mean[name] - rays[name])
         return
     ratio = np.maximum(1.0 + share * (mean[channel] / rays[channel] - 1.0), 0.01)
     for name in distances(view):
