@@ -26,12 +26,12 @@ _RAYS = (3, 1, 2, 4, 5, 7)
 _SOFT_RAYS = 3
 _HEIGHTS_M = (0.10, 0.0, -0.10)
 _OTHER_HEIGHTS_M = np.round(np.arange(-0.40, 0.401, 0.01), 2)
-_MOST_MISFIT, _MOST_MISFIT_M, _BETTER = 0.05, 0.005, 0.8
+_MOST_MISFIT, _BETTER = 0.05, 0.8
 _LIKELY_HEIGHTS = 8
 _CHECKED = 2000
 _FEWEST = 20
 _SHARP_LIGHT, _SHARP_RANGE_M = 4e-3, 2e-3
-_MOST_UNEQUAL = 0.03
+_MOST_UNEQUAL, _HARDLY_UNEQUAL = 0.03, 0.005
 _FEWEST_OF_PIXEL = 5
 _AGREED, _CLEARLY = 3e-4, 0.5
 """Typical error below which nothing is calibrated, and the share of it that a calibration must leave at most."""
@@ -207,14 +207,19 @@ def _through(view: View, camera: Camera, scene: SceneSettings, code: IntArray, f
         ahead[mine] = sample.ahead_m
         samples.append((sample, height))
         places.append(mine)
+    # what one channel, or surfaces elsewhere, nearly agree with may be another bench
+    usual = bool(lit and ranged and scene == SceneSettings())
+    most = _MOST_UNEQUAL if usual else _HARDLY_UNEQUAL
     optics = next(
         (
             sharp
             for sharp in (Optics(camera=camera, rays=rays, soft_rad=0.0, scene=soft.scene) for rays in _RAYS)
-            if all(_unequal(*sample.off(sharp, height), sample.pixel) < _MOST_UNEQUAL for sample, height in samples)
+            if all(_unequal(*sample.off(sharp, height), sample.pixel) < most for sample, height in samples)
         ),
         soft,
     )
+    if optics is soft and not usual:
+        return None
     if optics is not soft:  # sharp rays tell heights apart that look alike through soft ones: circles repeat
         for mine, (sample, height) in zip(places, samples, strict=True):
             off = {h: _unequal(*sample.off(optics, h), sample.pixel) for h in (height, *_HEIGHTS_M)}
@@ -263,8 +268,7 @@ def _height(sample: _Sample, soft: Optics) -> float | None:
         others = [found for found in others[:_LIKELY_HEIGHTS] if found[0] < _BETTER * nominal[0]]
         # boards of circles look alike a pitch higher: sharp rays tell them apart
         best = min(others, key=lambda found: _unequal(*sample.off(rays, found[1]), sample.pixel), default=nominal)
-    most = _MOST_MISFIT if sample.signal.size else _MOST_MISFIT_M
-    alike = best[0] < most or any(
+    alike = best[0] < _MOST_MISFIT or any(
         _unequal(*sample.off(replace(rays, rays=count), best[1]), sample.pixel) < _MOST_UNEQUAL for count in _RAYS
     )
     return best[1] if alike and np.isfinite(best[0]) else None

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effects_camera import Camera
 from arl_fixtures.reconcile.effects_common import distances
+from arl_fixtures.reconcile.effects_rays import Optics, Spots, look
 from arl_fixtures.reconcile.view import View
 from arl_fixtures.twin.scene import SceneSettings
 
@@ -20,7 +21,7 @@ IntArray = NDArray[np.int64]
 
 _SAME, _AGREE = 0.003, 0.01
 """Relative difference up to which a surface is where it nominally is, and scatter of rows that tell where it is."""
-_FEWEST = 5
+_FEWEST, _RAYS = 5, 3
 
 
 def scenes_of(view: View, camera: Camera, first: IntArray) -> tuple[SceneSettings, ...]:
@@ -67,7 +68,25 @@ def scenes_of(view: View, camera: Camera, first: IntArray) -> tuple[SceneSetting
         for panel in nominal.panels
     )  # fmt: skip
     rebuilt = nominal.model_copy(update={"wall": wall, "panels": panels})
-    return (nominal,) if rebuilt == nominal else (nominal, rebuilt)
+    if rebuilt == nominal:
+        return (nominal,)
+    height = np.zeros(u.size)  # ranges over their level parts do not depend on it
+    spots = Spots(u=u, v=v, stage_deg=stage, height_m=height)
+    light, moment = look(Optics(camera=camera, rays=_RAYS, soft_rad=0.0, scene=rebuilt), spots)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        farther = range_m * light / moment  # a pixel's mean range is not that of its middle
+
+    def mended(name: str, radius_m: float, usual: float) -> float:
+        here = own.get(name)
+        good = None if here is None or radius_m == usual else farther[here & np.isfinite(farther)]
+        return radius_m if good is None or not good.size else radius_m * float(np.median(good))
+
+    wall = wall.model_copy(update={"radius_m": mended(wall.name, wall.radius_m, nominal.wall.radius_m)})
+    panels = tuple(
+        panel.model_copy(update={"radius_m": mended(panel.name, panel.radius_m, usual.radius_m)})
+        for panel, usual in zip(panels, nominal.panels, strict=True)
+    )
+    return nominal, nominal.model_copy(update={"wall": wall, "panels": panels})
 
 
 _PLACE = ("pixel_u", "pixel_v", "stage_angle_deg")

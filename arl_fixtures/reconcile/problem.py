@@ -202,7 +202,7 @@ class ChannelData:
         """Scatter of one level and its gain of likelihood over the level's floor.
 
         Images are nested in steps: their scatter is what remains beside the mean of their step. So is that of pixels
-        and angles, which see more of one step than of another where rows are missing.
+        and angles where steps are known to share errors: with rows missing they see more of one than of another.
         """
         return self._level_scatter(*self._centred(residual), level, partial, lost)
 
@@ -219,7 +219,8 @@ class ChannelData:
         self, centred: FloatArray, count: float, level: Level, partial: Whitener, lost: float
     ) -> tuple[float, float]:
         step = next((other for other in self.levels if other.name == "step"), None)
-        if step is not None and (level.name == "frame" or (level.name != "step" and level.is_crossed(step))):
+        known = step is not None and step.declared and level is not step and level.is_crossed(step)
+        if step is not None and (level.name == "frame" or known):
             weight = self.root_weight**2
             top = np.bincount(step.code, weight * self.scale * centred, minlength=step.count)
             bottom = np.bincount(step.code, weight * self.scale**2, minlength=step.count)
