@@ -28,9 +28,6 @@ from arl_fixtures.reconcile.effects_common import (
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
-FEWEST_TURNS = 2.0
-"""Periods that an image must hold for a pattern to be periodic."""
-
 
 class ColumnPattern(Effect):
     """X += offset·w and, for signals, X *= 1 + gain·w; w a wave over columns or rows, with a cosine and a sine part.
@@ -80,7 +77,7 @@ class ColumnPattern(Effect):
                 amplitude(f"gain_{part}", each, -0.9 / scale, 0.9 / scale, 0.01 / scale) for part in parts
             )
         if kind == "periodic":
-            longest = min((span(view, axis) + 1.0) / FEWEST_TURNS, 64.0)  # one turn over the image is a lean or a bow
+            longest = min(span(view, axis), 64.0)
             starts = period_starts(_SHORTEST, longest, span(view, axis), most=_MOST_STARTS)
             whole = tuple(period for period in (3.0, 4.0, 5.0, 6.0, 8.0, 16.0) if period < longest)
             parameters += (shape("period", "px", _SHORTEST, longest, *whole, *starts),)
