@@ -21,7 +21,7 @@ from arl_fixtures.reconcile.effect import Parameter, State, Variant
 from arl_fixtures.reconcile.features import category_id, features_of
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm
 from arl_fixtures.reconcile.readings import smooth_readings
-from arl_fixtures.reconcile.roles import BEARING_SIGNS
+from arl_fixtures.reconcile.roles import MADE_OF
 from arl_fixtures.reconcile.terms import Term, field_keys, forward
 from arl_fixtures.reconcile.view import View
 from arl_fixtures.yaml_model import FileModel, load_model
@@ -308,7 +308,7 @@ def corrected_state(model: ModelFile, terms: list[Term], view: View) -> State:
         features = features_of(view)
         for law in laws:
             needed = {a.column for t in law.terms for a in t.axes if a.column} | set(law.binned_names)
-            needed |= {c for n in needed & set(BEARING_SIGNS) for c in ("azimuth_deg", "stage_angle_deg")}
+            needed |= {c for n in needed & set(MADE_OF) for c in MADE_OF[n]}
             missing = sorted(n for n in needed if n not in features and not n.startswith("~"))
             constant = {n: _single(view, n) for n in missing if view.has(n)}
             lacking = [n for n in missing if n not in constant]

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
-from arl_fixtures.reconcile.roles import BEARING_SIGNS, FIELD_COLUMNS, PIXEL
+from arl_fixtures.reconcile.roles import FIELD_COLUMNS, MADE_OF
 from arl_fixtures.reconcile.view import View
 
 HOLDS = 0.95
@@ -49,13 +49,13 @@ def columns_as_drivers(names: Sequence[str], view: View) -> list[str]:
             parts = [re.sub(r"~parity\((.*)\)", r"\1", name)]
         elif name.startswith("~within"):
             parts = ["time_s"]
-        elif name.startswith("~edge") or name == PIXEL:
+        elif name in MADE_OF:
+            parts = list(MADE_OF[name])
+        elif name.startswith("~edge"):
             parts = ["pixel_u", "pixel_v"]
         elif name in FIELD_COLUMNS:
             rays = all(view.varies(r) and r not in view.columns.derived for r in ("azimuth_deg", "elevation_deg"))
             parts = ["azimuth_deg", "elevation_deg"] if rays else ["pixel_u", "pixel_v"]
-        elif name in BEARING_SIGNS:
-            parts = ["stage_angle_deg", "azimuth_deg"]
         elif name.startswith("~frame"):
             parts = ["stage_angle_deg", re.sub(r"~frame\((.*)\)", r"\1", name)]
         else:

@@ -39,6 +39,8 @@ PIXEL = "~pixel"
 BEARING_SIGNS = {"~bearing(azimuth + stage)": 1.0, "~bearing(azimuth - stage)": -1.0}
 """Where a pixel looks in the room, by the sense in which azimuths and stage angles count: what stands there shows on
 whichever pixel looks at it."""
+MADE_OF = {PIXEL: ("pixel_u", "pixel_v"), **dict.fromkeys(BEARING_SIGNS, ("stage_angle_deg", "azimuth_deg"))}
+"""Columns without which a derived one cannot be."""
 
 
 class Role(Enum):

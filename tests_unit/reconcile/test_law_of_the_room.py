@@ -57,9 +57,12 @@ def test_a_port_of_the_chamber_is_found_at_its_bearing(judged, tmp_path, save):
         predict(tmp_path / "out", save(tmp_path / "less.parquet", simulated), tmp_path / "no.parquet")
 
 
-def test_pixels_that_drift_apart_are_told_one_by_one(judged):
-    finding, foretold, _ = judged(ageing_pixels, "intensity_counts", steps=16)
+def test_pixels_that_drift_apart_are_told_one_by_one(judged, tmp_path, save):
+    finding, foretold, simulated = judged(ageing_pixels, "intensity_counts", steps=16)
     assert finding.effect == "unknown"
     assert {"pixel_u", "pixel_v"} <= set(finding.drivers)
     assert any(name.endswith("temperature_c") for name in finding.drivers)
     assert foretold > 0.7
+    del simulated["pixel_v"]
+    with pytest.raises(DataError, match="lacks column 'pixel_v'"):
+        predict(tmp_path / "out", save(tmp_path / "less.parquet", simulated), tmp_path / "no.parquet")
