@@ -202,19 +202,25 @@ def _tilted(rays: Rays, pose: Pose) -> Rays:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Edge:
-    """How an edge passes over a ray: angle across and upwards, of a box or of a Gaussian's standard deviation."""
+    """How an edge passes over a ray: angle of its box, and standard deviation across and upwards of its Gaussian.
 
-    across: Number
-    upwards: Number
-    gaussian: bool
+    Without a Gaussian (None) the box alone; both are per row where the blur is.
+    """
+
+    box: float
+    across: Number | None = None
+    upwards: Number | None = None
 
 
 def _edge_width(optics: Optics, pose: Pose) -> _Edge | None:
     if isinstance(pose.blur_px, float) and pose.blur_px == 0.0:
-        return _Edge(across=optics.soft_rad, upwards=optics.soft_rad, gaussian=False) if optics.soft_rad else None
-    blur, own = _column(pose.blur_px), optics.soft_rad**2 / 12.0
-    across, upwards = (np.sqrt((blur / f) ** 2 + own) for f in (optics.camera.fx, optics.camera.fy))
-    return _Edge(across=np.maximum(across, 1e-9), upwards=np.maximum(upwards, 1e-9), gaussian=True)
+        return _Edge(box=optics.soft_rad) if optics.soft_rad else None
+    blur = _column(pose.blur_px)
+    across, upwards = (np.maximum(blur / f, _LEAST_RAD) for f in (optics.camera.fx, optics.camera.fy))
+    return _Edge(box=optics.soft_rad, across=across, upwards=upwards)
+
+
+_LEAST_RAD = 1e-9
 
 
 def _cut(edge: _Edge | None, rows: IntArray) -> _Edge | None:
@@ -222,7 +228,7 @@ def _cut(edge: _Edge | None, rows: IntArray) -> _Edge | None:
         return edge
     if edge.across.ndim == 0:
         return edge
-    return _Edge(across=edge.across[rows], upwards=edge.upwards[rows], gaussian=edge.gaussian)
+    return _Edge(box=edge.box, across=edge.across[rows], upwards=edge.upwards[rows])
 
 
 def _panel(
@@ -240,11 +246,12 @@ def _panel(
     aside = range_m * (y * c - x * s) + (left * c - ahead * s)
     raised = range_m * z + up - panel.centre_z_m
     depths = panel.width_m / 2 - np.abs(aside), panel.height_m / 2 - np.abs(raised)
-    wide, tall = (0.0, 0.0) if edge is None else (edge.across * range_m / cosine, edge.upwards * range_m)
-    cover = _inside(depths[0], wide, edge) * _inside(depths[1], tall, edge) * (cosine > 0.05)
+    level_m = range_m / cosine
+    wide, tall = _on(edge, level_m, range_m)
+    cover = _inside(depths[0], wide) * _inside(depths[1], tall) * (cosine > 0.05)
     reflectance: Number = panel.reflectance
     if panel.circles is not None:
-        disc = _inside(_depth_in_circle(panel.circles, aside, raised), 0.5 * (wide + tall), edge)
+        disc = _inside(_depth_in_circle(panel.circles, aside, raised), _between(wide, tall))
         reflectance = panel.reflectance + disc * (panel.circles.reflectance - panel.reflectance)
     return cover, cover * reflectance * cosine / range_m**2, range_m
 
@@ -257,8 +264,39 @@ def _depth_in_circle(grid: CircleGrid, aside: FloatArray, up: FloatArray) -> Flo
     return np.asarray(grid.radius_m - np.hypot(*away))
 
 
-def _inside(depth: FloatArray, width: Number, edge: _Edge | None) -> FloatArray:
-    """Share of a ray that lies inside an edge `depth` away."""
+@dataclass(frozen=True, slots=True)
+class _Width:
+    """Width of a ray's box on a surface, metres, and standard deviation of its Gaussian, if any."""
+
+    box: Number = 0.0
+    sigma: Number | None = None
+
+
+def _on(edge: _Edge | None, level_m: FloatArray, range_m: FloatArray) -> tuple[_Width, _Width]:
+    """Widths of rays across and upwards on a surface, slanted by its incidence as far as `level_m` is longer."""
     if edge is None:
-        return (depth >= 0.0).astype(np.float64)
-    return np.asarray(ndtr(depth / width) if edge.gaussian else np.clip(depth / width + 0.5, 0.0, 1.0))
+        return _Width(), _Width()
+    if edge.across is None or edge.upwards is None:
+        return _Width(edge.box * level_m), _Width(edge.box * range_m)
+    return _Width(edge.box * level_m, edge.across * level_m), _Width(edge.box * range_m, edge.upwards * range_m)
+
+
+def _between(wide: _Width, tall: _Width) -> _Width:
+    sigma = None if wide.sigma is None or tall.sigma is None else 0.5 * (wide.sigma + tall.sigma)
+    return _Width(0.5 * (wide.box + tall.box), sigma)
+
+
+def _inside(depth: FloatArray, width: _Width) -> FloatArray:
+    """Share of a ray that lies inside an edge `depth` away: a step, a ramp, or these under a Gaussian blur."""
+    ramp = bool(np.any(width.box))
+    if width.sigma is None:
+        return np.asarray(np.clip(depth / width.box + 0.5, 0.0, 1.0) if ramp else (depth >= 0.0).astype(np.float64))
+    if not ramp:
+        return np.asarray(ndtr(depth / width.sigma))
+    half, sigma = 0.5 * width.box, width.sigma
+    return np.asarray((_ramped((depth + half) / sigma) - _ramped((depth - half) / sigma)) * sigma / width.box)
+
+
+def _ramped(x: FloatArray) -> FloatArray:
+    """Integral of the normal distribution up to `x`."""
+    return np.asarray(x * ndtr(x) + np.exp(-0.5 * x * x) / np.sqrt(2.0 * np.pi))

@@ -99,16 +99,28 @@ def noise_m(intensity: np.ndarray) -> np.ndarray:
     return np.hypot(0.004, 0.30 * noise_counts(intensity) / np.maximum(intensity, 1.0))
 
 
+def _round_gaussian(rings: int, around: int) -> np.ndarray:
+    """Points of a round Gaussian of unit variance, (2, rings · around), each for the same share of its light.
+
+    Every second ring is turned by half a step: two rings of six are round to fifth order.
+    """
+    radius = np.sqrt(-2.0 * np.log1p(-(np.arange(rings) + 0.5) / rings)).repeat(around)
+    radius *= np.sqrt(2.0 / np.mean(radius**2))
+    ring, place = np.divmod(np.arange(rings * around), around)
+    turn_rad = 2.0 * np.pi * (place + 0.5 * (ring % 2)) / around
+    return radius * np.stack([np.cos(turn_rad), np.sin(turn_rad)])
+
+
+SPREAD, FINE_SPREAD = _round_gaussian(2, 6), _round_gaussian(4, 8)
+"""Sharp rays need many points: at an edge the light of few would jump where a blur lets it pass smoothly."""
+
+
 def footprint(rows: Rows, reality: Reality) -> tuple[np.ndarray, np.ndarray]:
-    """Sub-ray offsets in pixels, each (N, S) or (1, S); a blur widens each by two rings of a round Gaussian."""
+    """Sub-ray offsets in pixels, each (N, S) or (1, S); a blur widens each by points of a round Gaussian."""
     if not reality.blur_px:
         return OFFSET_U[None, :], OFFSET_V[None, :]
     sigma = np.sqrt(sum(np.square(f(rows)) for f in reality.blur_px))
-    # a quarter and three quarters of a Gaussian's light lie within these radii; six points are round to fifth order
-    radius = np.sqrt(-2.0 * np.log([0.75, 0.25])).repeat(6)
-    radius *= np.sqrt(2.0 / np.mean(radius**2))
-    turn_rad = 2.0 * np.pi * (np.arange(12) / 6.0 + (np.arange(12) >= 6) / 12.0)
-    points = radius * np.stack([np.cos(turn_rad), np.sin(turn_rad)])
+    points = SPREAD if reality.footprint_rad else FINE_SPREAD
     du = (OFFSET_U[None, :, None] + sigma[:, None, None] * points[0]).reshape(len(rows), -1)
     dv = (OFFSET_V[None, :, None] + sigma[:, None, None] * points[1]).reshape(len(rows), -1)
     return du, dv

@@ -15,7 +15,6 @@ from arl_fixtures.reconcile.effects_common import (
     above,
     amplitude,
     light_channels,
-    per_view,
     set_light,
     shape,
     signals,
@@ -88,9 +87,10 @@ class Defocus(Effect):
                 spread_rays(view, state, spread * pixel_width(view)[view.rows], spread * found.pitch_deg)
             return
         if variant.options["kind"] == "rays":
-            seen, clear = rendered(view, Pose(blur_px=np.sqrt(variance))), _clear(view)
+            seen = rendered(view, Pose(blur_px=np.sqrt(variance)))
         else:
-            seen, clear = convolved(view, variance), rendered(view)
+            seen = convolved(view, variance)
+        clear = rendered(view)
         if seen is not None and clear is not None:
             for distance in far:
                 state[distance] = state[distance] + seen[distance] - clear[distance]
@@ -124,11 +124,6 @@ class Defocus(Effect):
             "the "
             "distance from best focus, electrical crosstalk does not change."
         )
-
-
-def _clear(view: View) -> dict[str, FloatArray] | None:
-    """What the rays see without a blur, by the same rendering: soft edges become a Gaussian's under any blur."""
-    return per_view(view, "rendered clear", lambda: rendered(view, Pose(blur_px=np.zeros(view.n))))
 
 
 _WIDEST = 1.2
