@@ -15,6 +15,7 @@ from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.estimated_noise import estimated_error, group_median, noise_quantities
 from arl_fixtures.reconcile.features import features_of
+from arl_fixtures.reconcile.lonely import FAR_ALONE, MOST_ALONE, distance_alone, kin_of
 from arl_fixtures.reconcile.problem import ChannelData, Problem
 from arl_fixtures.reconcile.roles import BEARING_SIGNS, PIXEL, Role
 
@@ -147,10 +148,18 @@ class Looker:
                 z = z - group_median(level.code, z, level.count)[level.code]
         spread = 1.4826 * float(np.median(np.abs(z)))
         data.spread = max(spread, 1.0) if data.stated_known else max(spread, 0.05)
-        beyond = np.where(data.dark, 0.0, np.abs(z) / data.spread) if len(data.dark) else np.abs(z) / data.spread
+        if len(data.dark):
+            z = np.where(data.dark, 0.0, z)
+        beyond = np.abs(z) / data.spread
+        alone = distance_alone(z / data.spread, *kin_of(self.problem, data.use))
+        wild = alone > FAR_ALONE
+        if np.mean(wild) > MOST_ALONE:
+            wild = np.zeros_like(wild)
+        data.trust = np.where(wild, (TAIL_Z / np.maximum(alone, TAIL_Z)) ** 2, 1.0)
+        beyond = np.where(wild, 0.0, beyond)
         if np.mean(beyond > 4.0) > TAIL_SHARE:
             far = np.minimum(1.0, FAR_Z / np.maximum(beyond, 1e-9))
-            data.trust = far * np.minimum(1.0, TAIL_Z / np.maximum(beyond, 1e-9))
+            data.trust *= far * np.minimum(1.0, TAIL_Z / np.maximum(beyond, 1e-9))
             # rows held back still scatter more than their weight says: a sum over many would pass for shared error
             excess = float(np.mean((data.trust * beyond) ** 2) / np.mean(data.trust))
             data.spread *= np.sqrt(max(excess, 1.0))

@@ -1,0 +1,97 @@
+"""Rows that are off by far alone: wild readings, unless what is next to them, or of their kind, is off as well.
+
+A few readings in a thousand may be wild by any amount. A fit by least squares would follow them, and a region drawn
+about one looks like an effect. What an effect does it does to more than one row: to a pixel in other steps, to its
+neighbours in the image or in the sweep, to the rest of the frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.effects_common import per_view
+from arl_fixtures.reconcile.estimated_noise import group_median
+from arl_fixtures.reconcile.problem import Problem
+
+FAR_ALONE = 5.0
+"""Standard errors from which a row is wild if nothing beside it is off: one of two million Gaussian ones."""
+MOST_ALONE = 0.01
+"""Share of rows above which far ones are no wild readings, but what the noise or an effect does."""
+FEWEST_KIN = 3
+"""Rows of a kind whose median one of them does not set."""
+TOLD = 3.75
+"""Size of a median, in scatters of one row over the root of their number, from which rows of a kind are off."""
+
+
+def distance_alone(z: FloatArray, kinds: Iterable[IntArray], rows_beside: Iterable[IntArray]) -> FloatArray:
+    """How far each row is off from what its kin are off, in standard errors: |z| where these are not.
+
+    Args:
+        z: residuals in standard errors.
+        kinds: codes of rows of a kind (a pixel, a frame), 0…k−1 each.
+        rows_beside: orders of the rows along a line (of the image, of the sweep).
+    """
+    alone = np.abs(z)
+    far = np.flatnonzero(alone > FAR_ALONE)
+    if not far.size:
+        return alone
+    for code in kinds:
+        count = np.bincount(code)
+        middle = group_median(code, z, len(count))
+        spread = 1.4826 * group_median(code, np.abs(z - middle[code]), len(count))
+        told = (count >= FEWEST_KIN) & (np.abs(middle) * np.sqrt(count) > TOLD * np.maximum(spread, 1.0))
+        own = code[far]
+        off = np.abs(z[far] - middle[own]) / np.maximum(spread[own], 1.0)
+        alone[far] = np.where(told[own], np.minimum(alone[far], off), alone[far])
+    for order in rows_beside:
+        between = _between(z, order)[far]
+        alone[far] = np.minimum(alone[far], np.abs(z[far] - between))
+    return alone
+
+
+def _between(z: FloatArray, order: IntArray) -> FloatArray:
+    """What the rows before and after a row are both off, in its direction; nil where they are not."""
+    line = z[order]
+    before, after = np.concatenate([[0.0], line[:-1]]), np.concatenate([line[1:], [0.0]])
+    sign = np.sign(line)
+    told = np.maximum(np.minimum(sign * before, sign * after), 0.0) * sign
+    result = np.zeros(len(z))
+    result[order] = told
+    return result
+
+
+_LINES = (
+    ("stage_angle_deg", "pixel_v", "pixel_u"),
+    ("stage_angle_deg", "pixel_u", "pixel_v"),
+    ("pixel_u", "pixel_v", "stage_angle_deg"),
+    ("time_s",),
+)
+"""Columns that order the rows of a step along a line, the last of which runs fastest."""
+
+
+def kin_of(problem: Problem, use: IntArray) -> tuple[list[IntArray], list[IntArray]]:
+    """Codes of rows of a kind, and orders of rows along a line, of a channel's rows, for `distance_alone`."""
+
+    def make() -> tuple[list[IntArray], list[IntArray]]:
+        rows, groups, numbers = problem.view.rows[use], problem.groups, problem.columns.numbers
+        codes = {
+            name: code[rows]
+            for name in ("pixel", "angle", "frame", "step")
+            if (code := getattr(groups, name)) is not None
+        }
+        kinds = list(codes.values())
+        if "pixel" in codes and "angle" in codes:
+            kinds.append(codes["pixel"] * (int(codes["angle"].max()) + 1) + codes["angle"])
+        kinds = [np.unique(code, return_inverse=True)[1].astype(np.int64) for code in kinds]
+        unit, step = groups.unit[rows], groups.step[rows]
+        lines = [
+            [step, unit, *(numbers[n][rows] for n in line)] for line in _LINES if all(n in numbers for n in line)
+        ]
+        if "pixel" in codes:
+            lines.append([codes["pixel"], codes.get("angle", unit), step])
+        return kinds, [np.lexsort(tuple(reversed(keys))).astype(np.int64) for keys in lines]
+
+    return per_view(problem.view, ("kin", use.size, int(use.sum())), make)
