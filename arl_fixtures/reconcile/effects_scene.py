@@ -29,6 +29,8 @@ _BLOCKS = (4, 6, 8, 12, 16, 24, 32, 48, 64)
 _CLOSE_DEG, _CLOSE_SHARE, _ROW_SHARE = 0.1, 0.1, 1.3  # shares of a pixel's width, over which it averages what it sees
 _NEAR = 9
 _ROUGH = 0.01
+_SHARED = 0.2
+"""Share of a curve's rays that must lie beneath another one to tell whether surfaces stand upright."""
 _FLATTER = 0.9
 """Share of the steps between samples of a line, below which the signal without a profile is taken for the scene."""
 _WORSE = 0.25  # between two angles a cubic errs by less than a quarter of the bend
@@ -45,6 +47,7 @@ class Scene:
         pitch_deg: elevation between image rows.
         step_deg: bearing between points of a curve.
         patchy: rows of the whole table where pixels of one curve do not agree.
+        upright: whether rays of several elevations share the curves and agree: surfaces stand upright.
         sign: +1 where bearing = azimuth + stage angle, −1 where it is azimuth − stage angle.
     """
 
@@ -56,6 +59,7 @@ class Scene:
     step_deg: float
     sign: float
     patchy: NDArray[np.bool_]
+    upright: bool
     curves: dict[str, FloatArray]
 
 
@@ -90,6 +94,7 @@ def _make_scene(view: View) -> Scene | None:
     height = np.bincount(line, el, lines) / np.maximum(np.bincount(line, minlength=lines), 1)
     across = np.bincount(line, az, lines) / np.maximum(np.bincount(line, minlength=lines), 1)
     above, below, pitch = _stacked(height, across, device)
+    upright = all(_is_upright(line, np.rint(bearing / step), el, values) for values in flat.values())
     weight = next((flat[name] for name in signals(view)), None)
     if weight is not None:  # light and light-weighted range are straight lines across an edge, the range is not
         flat |= {name: _extended(line, bearing, flat[name]) * weight for name in distances(view)}
@@ -105,7 +110,7 @@ def _make_scene(view: View) -> Scene | None:
             curves = cells.curves(curves, flat, step)
             allowed = np.fmax(_WORSE * np.abs(bend), _ROUGH * np.abs(weight))[cells.rows]
             patchy[cells.rows] = cells.scatter(weight) > allowed
-    return Scene(bearing, line, above, below, pitch, step, sign, patchy, curves)
+    return Scene(bearing, line, above, below, pitch, step, sign, patchy, upright, curves)
 
 
 def _flattened(view: View, name: str, el: FloatArray) -> FloatArray:
@@ -197,6 +202,18 @@ def _smoothed(values: FloatArray) -> FloatArray:
     """Mean over `_NEAR` samples, zeros beyond the ends; a sweep may hold fewer samples than are averaged."""
     half = _NEAR // 2
     return np.asarray(np.convolve(values, np.full(_NEAR, 1.0 / _NEAR))[half : half + values.size])
+
+
+def _is_upright(line: IntArray, place: FloatArray, el: FloatArray, values: FloatArray) -> bool:
+    """Whether rays of several elevations that share a place on a curve see the same there: surfaces stand upright."""
+    good = np.flatnonzero(np.isfinite(values) & (values > 0.0))
+    if not good.size:
+        return False
+    order = good[np.lexsort((el[good], place[good], line[good]))]
+    pair = (line[order][1:] == line[order][:-1]) & (place[order][1:] == place[order][:-1])
+    pair &= el[order][1:] > el[order][:-1]
+    steps = np.abs(np.diff(np.log(values[order])))[pair]
+    return bool(steps.size > _SHARED * order.size and np.quantile(steps, 0.9) < _ROUGH)
 
 
 def _first_of(code: IntArray, values: IntArray) -> IntArray:

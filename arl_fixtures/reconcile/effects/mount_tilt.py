@@ -43,7 +43,12 @@ class Tilt(Effect):
         found = scene(view)
         if found is None or not view.varies("azimuth_deg"):
             return
-        known = found.pitch_deg > 0.0 or bench_of(view) is not None or room_of(view, found.sign) is not None
+        known = (
+            found.pitch_deg > 0.0
+            or found.upright
+            or bench_of(view) is not None
+            or room_of(view, found.sign) is not None
+        )
         turns = _TURNS if known else _TURNS[:1]
         for way in ways_of_looking(view):
             yield Variant(
