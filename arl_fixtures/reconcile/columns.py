@@ -47,6 +47,7 @@ class Columns:
         categories: text, boolean and identifier columns as codes (−1 = null) and sorted labels.
         channels: what can be compared.
         derived: columns that the table lacks and its simulation shows, for effects only.
+        lens: numbers of the camera whose rays these are, where only a sweep told it.
         smoothed: logged temperatures without their loggers' noise, for effects only.
         ignored: column to the reason why it is not used.
         ceilings: channel to the end of its scale, where rows stand at it.
@@ -65,6 +66,7 @@ class Columns:
     frame_gap_s: float = np.inf
     record: IntArray | None = None
     derived: dict[str, FloatArray] = field(default_factory=dict)
+    lens: dict[str, float] = field(default_factory=dict)
     smoothed: dict[str, FloatArray] = field(default_factory=dict)
     memo: dict[object, Any] = field(default_factory=dict)
     _groups: dict[tuple[str, ...], IntArray] = field(default_factory=dict)

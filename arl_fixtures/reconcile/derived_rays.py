@@ -1,47 +1,66 @@
-"""Where pixels look, in a table that does not say so but whose simulation or rays are seen to be the nominal bench's.
+"""Where pixels look, in a table that does not say so but whose simulation or rays show it.
 
 A table of pixels at stage angles need not carry their azimuth and elevation. Where light and range are those of the
 nominal bench (see `effects_bench`), its camera's are known, and so they are where one of the two angles is given and
-is the nominal camera's in every pixel, whatever the scene. Effects see them as columns; laws and reports do not,
-for the table has none: there a pixel's own column stands for them.
+is the nominal camera's in every pixel, whatever the scene. Else the sweep tells (see `swept_rays`). Effects see them
+as columns; laws and reports do not, for the table has none: there a pixel's own column stands for them.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import asdict, replace
 
 import numpy as np
 
 from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.effect import Variant
 from arl_fixtures.reconcile.effects_bench import bench_of
-from arl_fixtures.reconcile.effects_camera import cameras_of
+from arl_fixtures.reconcile.effects_camera import Camera, cameras_of
+from arl_fixtures.reconcile.swept_rays import camera_of_sweep, rows_of_pixels
 from arl_fixtures.reconcile.view import View
 
 _STANDS_FOR = {"azimuth_deg": "pixel_u", "elevation_deg": "pixel_v"}
 
 
-def derive_rays(columns: Columns, *, known: bool = False) -> bool:
+def derive_rays(columns: Columns, *, known: bool = False, lens: Mapping[str, float] | None = None) -> bool:
     """Give a table's rows the azimuth and elevation that it lacks; whether it lacked them and has them now.
 
     Args:
-        columns: `derived` is filled.
+        columns: `derived` is filled, and `lens` where a sweep tells it.
         known: that the simulation is the nominal bench; else the table must show it.
+        lens: of the camera, where another table's sweep has told it.
     """
     lacking = [name for name in _STANDS_FOR if name not in columns.numbers]
-    if not lacking or any(pixel not in columns.numbers for pixel in _STANDS_FOR.values()):
+    if not lacking or "pixel_u" not in columns.numbers:
         return False
     view = View(columns)
-    bench = bench_of(view)
-    known |= len(lacking) < len(_STANDS_FOR)  # one angle of each pixel tells the nominal camera, whatever it sees
-    cameras = [bench.optics.camera] if bench is not None else [*cameras_of(view)] if known else []
-    if not cameras:
+    camera = Camera(**lens) if lens else _nominal_of(view, len(lacking), known=known)
+    if camera is None and not known and len(lacking) == len(_STANDS_FOR):
+        camera = camera_of_sweep(view)
+        lens = None if camera is None else asdict(camera)
+    if camera is None:
         return False
-    angles = cameras[0].angles_deg(columns.numbers["pixel_u"], columns.numbers["pixel_v"])
+    columns.lens = dict(lens or {})
+    rows = rows_of_pixels(view)
+    angles = camera.angles_deg(columns.numbers["pixel_u"], rows)
     columns.derived = {
-        name: np.asarray(values) for name, values in zip(_STANDS_FOR, angles, strict=True) if name in lacking
+        name: np.asarray(values)
+        for name, values in zip(_STANDS_FOR, angles, strict=True)
+        if name in lacking and _STANDS_FOR[name] in columns.numbers
     }
     return True
+
+
+def _nominal_of(view: View, lacking: int, *, known: bool) -> Camera | None:
+    """Camera of the nominal bench, where a table of both pixel columns shows it or is known to be that."""
+    if any(pixel not in view.columns.numbers for pixel in _STANDS_FOR.values()):
+        return None
+    bench = bench_of(view)
+    if bench is not None:
+        return bench.optics.camera
+    # one angle of each pixel tells the nominal camera, whatever it sees
+    return next(iter(cameras_of(view)), None) if known or lacking < len(_STANDS_FOR) else None
 
 
 def as_the_table_says(variant: Variant, view: View) -> Variant:

@@ -36,11 +36,11 @@ def _look(found: Scene, line: IntArray, bearing: FloatArray) -> dict[str, FloatA
 def _at(found: Scene, view: View, turn: FloatArray | float, lift: FloatArray | float) -> dict[str, FloatArray]:
     """Flattened channels at the rows' bearing + turn and elevation + lift (degrees)."""
     line, bearing = per_view(view, "scene place", lambda: (found.line[view.rows], found.bearing[view.rows]))
-    seen = _look(found, line, bearing + turn)
+    seen = _turned(found, view, line, bearing, turn)
     if found.pitch_deg > 0.0 and np.any(lift):
         rows = np.broadcast_to(np.asarray(lift) / found.pitch_deg, bearing.shape)
         other = np.where(rows > 0.0, found.above[line], found.below[line])
-        beyond = _look(found, np.where(other < 0, line, other), bearing + turn)
+        beyond = _turned(found, view, np.where(other < 0, line, other), bearing, turn)
         share = np.minimum(np.abs(rows), 2.0)
         for name, values in seen.items():
             mixed = values + share * (beyond[name] - values)
@@ -49,6 +49,32 @@ def _at(found: Scene, view: View, turn: FloatArray | float, lift: FloatArray | f
     if light is not None:
         with np.errstate(invalid="ignore", divide="ignore"):
             seen |= {name: seen[name] / light for name in distances(view) if name in seen}
+    return seen
+
+
+_NEAR = 0.05
+"""Share of a pixel's width within which a curve is a straight line: it is a mean over the whole width."""
+
+
+def _turned(
+    found: Scene, view: View, line: IntArray, bearing: FloatArray, turn: FloatArray | float
+) -> dict[str, FloatArray]:
+    """Curves at bearing + turn: what a small turn changes is told over more than the gap of two samples.
+
+    Neighbouring samples are of different pixels, whose own errors would pass for a slope.
+    """
+    if not np.any(turn) or not view.varies("pixel_u") or not view.varies("azimuth_deg"):
+        return _look(found, line, bearing + turn)
+    near = _NEAR * pixel_width(view)[view.rows]
+    part = np.clip(turn / np.maximum(near, 1e-9), -1.0, 1.0)
+    here, left, right = (_look(found, line, bearing + way * near) for way in (0.0, -1.0, 1.0))
+    far = np.abs(turn) > near
+    beyond = _look(found, line, bearing + turn) if np.any(far) else here
+    seen = {}
+    for name, values in here.items():
+        slope = 0.5 * part * (right[name] - left[name])
+        rest = np.where(far, beyond[name] - np.where(part > 0.0, right[name], left[name]), 0.0)
+        seen[name] = values + slope + rest
     return seen
 
 

@@ -106,6 +106,7 @@ class ModelFile(FileModel):
     relative: list[str] = Field(default_factory=list)
     ceilings: dict[str, float] = Field(default_factory=dict)
     rays_derived: bool = False
+    lens: dict[str, float] = Field(default_factory=dict)
     smoothed: list[str] = Field(default_factory=list)
     sweep_gap_deg: float | None = None
     frame_gap_s: float | None = None
@@ -114,7 +115,8 @@ class ModelFile(FileModel):
 def model_of(
     diagnosis: Diagnosis, unit_columns: tuple[str, ...], relative: tuple[str, ...], gaps: tuple[float, float],
     ceilings: Mapping[str, float] | None = None, units: tuple[list[str], dict[str, float]] | None = None,
-    *, rays_derived: bool = False, smoothed: Sequence[str] = (), zeros: Mapping[str, dict[str, float]] | None = None,
+    *, rays_derived: bool = False, lens: Mapping[str, float] | None = None, smoothed: Sequence[str] = (),
+    zeros: Mapping[str, dict[str, float]] | None = None,
 ) -> ModelFile:  # fmt: skip
     """What to write for a diagnosis.
 
@@ -125,7 +127,8 @@ def model_of(
         gaps: how far apart neighbours in the sweep (degrees) and in time (seconds) may lie.
         ceilings: ends of channels' scales.
         units: those that were compared, and by channel the constant of others.
-        rays_derived: whether the rays' directions were those of the nominal bench, which the table did not give.
+        rays_derived: whether the rays' directions, which the table did not give, were taken from its simulation.
+        lens: of the camera that a sweep showed; the nominal bench's where empty.
         smoothed: temperatures that effects saw without their loggers' noise.
         zeros: of signals, by channel and unit, beside their gains.
     """
@@ -140,6 +143,7 @@ def model_of(
         relative=list(relative),
         ceilings=dict(ceilings or {}),
         rays_derived=rays_derived,
+        lens=dict(lens or {}),
         smoothed=list(smoothed),
         sweep_gap_deg=gaps[0] if np.isfinite(gaps[0]) else None,
         frame_gap_s=gaps[1] if np.isfinite(gaps[1]) else None,
@@ -220,7 +224,7 @@ def terms_of(model: ModelFile, view: View, path: Path) -> list[Term]:
     """
     entries = library()
     if model.rays_derived:
-        derive_rays(view.columns, known=True)
+        derive_rays(view.columns, known=True, lens=model.lens)
     smooth_readings(view.columns, model.smoothed)
     view.columns.sweep_gap_deg = np.inf if model.sweep_gap_deg is None else model.sweep_gap_deg
     view.columns.frame_gap_s = np.inf if model.frame_gap_s is None else model.frame_gap_s

@@ -54,8 +54,8 @@ def diagnose(
     gaps = (columns.sweep_gap_deg, columns.frame_gap_s)
     model = model_of(
         diagnosis, found.problem.groups.unit_columns, relative, gaps, columns.ceilings,
-        units=of_unseen(decision, constants), rays_derived=bool(columns.derived), smoothed=decision.search.smoothed,
-        zeros=zeros_of(decision, constants) if findings else None,
+        units=of_unseen(decision, constants), rays_derived=bool(columns.derived), lens=columns.lens,
+        smoothed=decision.search.smoothed, zeros=zeros_of(decision, constants) if findings else None,
     )  # fmt: skip
     return diagnosis, model, decision
 

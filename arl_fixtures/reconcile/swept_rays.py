@@ -1,0 +1,111 @@
+"""Where pixels look, told by a sweep: the same scene passes one pixel after the other.
+
+A table may give pixels and stage angles but no rays. Drawn over azimuth + stage angle what all pixels of an image row
+see is one curve, if the azimuths are the right ones: with any others it jumps from sample to sample between what
+different pixels see. The camera for which it jumps least is the simulation's. Its pixels are taken as square and its
+axis as the middle of the image, for a sweep tells neither.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from arl_fixtures.reconcile.effects_camera import Camera
+from arl_fixtures.reconcile.effects_common import distances, signals
+from arl_fixtures.reconcile.view import View
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_FEWEST_COLUMNS, _FEWEST_ANGLES = 6, 6
+_PITCHES_DEG = np.geomspace(0.02, 8.0, 300)
+_DISTORTIONS = (0.0, 0.1, 0.2, 0.33)
+"""From a pinhole to a lens whose angle is the place in the image, as k4."""
+_MOST_DISTORTION, _FOLDED = 0.5, 0.24
+_WIDEST_DEG = 160.0
+_CLEARLY = 0.5
+"""Share of the jumps along single sweeps below which the curve is one scene's."""
+_MOST_ROWS = 4000
+_POLISHED = 6
+_SAME_DEG = 2e-3
+
+
+def camera_of_sweep(view: View) -> Camera | None:
+    """Camera that a table's sweep shows; None where it shows none, or nothing is swept."""
+    table = view.columns
+    seen = _seen(view)
+    if seen is None or not (view.varies("pixel_u") and view.varies("stage_angle_deg")):
+        return None
+    u, v, stage = table.numbers["pixel_u"], rows_of_pixels(view), table.numbers["stage_angle_deg"]
+    line = table.group("dut", "pixel_v")
+    places = np.unique(np.column_stack([line, u, stage, seen]), axis=0, return_index=True)[1]
+    good = places[np.isfinite(u[places]) & np.isfinite(stage[places]) & np.isfinite(seen[places])]
+    kept = max(1, int(_MOST_ROWS * (int(line.max()) + 1) / max(good.size, 1)))
+    good = good[np.isin(line[good], np.unique(line[good])[:kept])]
+    if np.unique(u[good]).size < _FEWEST_COLUMNS or np.unique(stage[good]).size < _FEWEST_ANGLES:
+        return None
+    cx, cy = (0.5 * float(np.nanmin(x) + np.nanmax(x)) for x in (u, v))
+    row, angle, level = line[good], stage[good], seen[good]
+    reach = float(np.max(np.abs(u[good] - cx)))
+
+    def camera(pitch_deg: float, k4: float) -> Camera:
+        f = float(1.0 / np.radians(pitch_deg))
+        return Camera(fx=f, fy=f, cx=cx, cy=cy, k4=k4)
+
+    def jumps(pitch_deg: float, k4: float, way: float) -> float:
+        folded = k4 * np.radians(pitch_deg * reach) ** 2
+        if not (pitch_deg > 0.0 and 0.0 <= k4 <= _MOST_DISTORTION and folded < _FOLDED):
+            return np.inf
+        return _jumps(row, camera(pitch_deg, k4).angles_deg(u[good], v[good])[0] + way * angle, level)
+
+    alone = _jumps(row * 4096 + np.rint(u[good] - u[good].min()).astype(np.int64), angle, level)
+    starts = [(p, k4) for p in _PITCHES_DEG if p * reach < _WIDEST_DEG for k4 in _DISTORTIONS]
+    tried = sorted((jumps(*start, way), *start, way) for start in starts for way in (1.0, -1.0))
+    if not (alone > 0.0 and tried[0][0] < alone):
+        return None
+    best, found = np.inf, (0.0, 0.0)
+    for _, pitch, k4, way in tried[:_POLISHED]:
+        simplex = np.array([[pitch, k4], [1.02 * pitch, k4], [pitch, k4 + 0.04]])
+
+        def rough(place: FloatArray, way: float = way) -> float:
+            return jumps(float(place[0]), float(place[1]), way)
+
+        polished = minimize(
+            rough, simplex[0], method="Nelder-Mead",
+            options={"initial_simplex": simplex, "maxiter": 120, "xatol": 1e-5},
+        )  # fmt: skip
+        if float(polished.fun) < best:
+            best, found = float(polished.fun), (float(polished.x[0]), float(polished.x[1]))
+    return camera(*found) if best < _CLEARLY * alone else None
+
+
+def rows_of_pixels(view: View) -> FloatArray:
+    """Image row of every row of the table; zero where it is a line of pixels."""
+    return view.columns.numbers.get("pixel_v", np.zeros(view.columns.n))
+
+
+def _seen(view: View) -> FloatArray | None:
+    """What a row sees of the scene: the logarithm of its range, or of its light."""
+    numbers = view.columns.numbers
+    names = [*(f"sim_{n}" for n in distances(view)), "true_range_m", *(f"sim_{n}" for n in signals(view))]
+    values = next((numbers[n] for n in names if n in numbers and np.nanstd(numbers[n]) > 0.0), None)
+    if values is None:
+        return None
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.where(values > 0.0, np.log(values), np.nan))
+
+
+def _jumps(line: IntArray, place: FloatArray, level: FloatArray) -> float:
+    """Mean distance of samples from the straight line between those before and after them on their curve."""
+    place = np.rint(place / _SAME_DEG) * _SAME_DEG
+    # where a pixel is as wide as a step of the sweep many places are one: in the table's order they look smooth
+    order = np.lexsort((np.random.default_rng(1).permutation(len(place)), place, line))
+    x, y, code = place[order], level[order], line[order]
+    inner = code[2:] == code[:-2]
+    if not inner.any():
+        return 0.0
+    wide = (x[2:] - x[:-2])[inner]
+    share = np.where(wide > 0.5 * _SAME_DEG, (x[1:-1] - x[:-2])[inner] / np.maximum(wide, _SAME_DEG), 0.0)
+    return float(np.mean(np.abs(y[1:-1][inner] - y[:-2][inner] - share * (y[2:] - y[:-2])[inner])))
