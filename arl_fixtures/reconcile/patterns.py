@@ -18,6 +18,7 @@ from arl_fixtures.reconcile.effect import Effect, Kind, Parameter, State, Varian
 from arl_fixtures.reconcile.followed import condition_of
 from arl_fixtures.reconcile.noise import Whitener, fit_tau
 from arl_fixtures.reconcile.problem import ChannelData, Problem
+from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.terms import Term, default_values, field_keys, forward
 
 PATTERN_GAIN, PATTERN_Z = 6.0, 2.5
@@ -66,7 +67,8 @@ def _fit_pattern(
 ) -> Pattern | None:
     view = problem.view
     code, keys = field_keys(parameter.per, view)
-    if len(keys) < FEWEST_LEVELS or view.n < 2 * len(keys):
+    counted = any(channel.name in variant.channels for channel in view.channels(Role.FRACTION))
+    if len(keys) < FEWEST_LEVELS or view.n < (1 if counted else 2) * len(keys):
         return None
     null = parameter.null if parameter.null is not None else 0.0
     step = 0.1 * parameter.typical
@@ -75,6 +77,7 @@ def _fit_pattern(
     moved = forward([*terms, term], view)
     names = [d for d in problem.data if moved[d.channel.name] is not base[d.channel.name]]
     gram, score = np.zeros((2, len(keys))), np.zeros((2, len(keys)))
+    answers = np.full(len(keys), np.inf)
     sparse = parameter.low >= null or parameter.high <= null
     for d in names:
         if d.channel.role.value == "scatter":
@@ -84,11 +87,16 @@ def _fit_pattern(
         if not sparse:  # a few dead pixels would pull the mean of their step
             residual = residual - shared_part(d, residual)
         weight = d.root_weight**2
+        if sparse and counted:  # that none of a row's frames had an answer is no wild reading, nor is their light
+            weight = 1.0 / (d.stated * d.spread) ** 2
         half = _halves(problem, d, code[d.use])
         for k in (0, 1):
             part = half == k
             gram[k] += np.bincount(code[d.use][part], (weight * tangent**2)[part], minlength=len(keys))
             score[k] += np.bincount(code[d.use][part], (weight * tangent * residual)[part], minlength=len(keys))
+        if d.channel.role is Role.FRACTION:
+            share = np.bincount(code[d.use], tangent * residual, minlength=len(keys))
+            answers = share / np.maximum(np.bincount(code[d.use], tangent**2, minlength=len(keys)), 1e-12)
     total, pull = gram.sum(axis=0), score.sum(axis=0)
     good = total > 1e-9
     if good.sum() < FEWEST_LEVELS:
@@ -98,7 +106,7 @@ def _fit_pattern(
         z = pull / np.sqrt(np.maximum(total, 1e-12))
         right = pull * (1.0 if parameter.low >= null else -1.0) > 0
         estimate = pull / np.maximum(total, 1e-12)
-        strong = good & right & (np.abs(z) > SPARSE_Z) & (np.abs(estimate) > 0.5)
+        strong = good & right & (np.abs(z) > SPARSE_Z) & (np.minimum(np.abs(estimate), np.abs(answers)) > 0.5)
         values[strong] = estimate[strong]
         gain = float(0.5 * np.sum(z[strong] ** 2) - strong.sum() * np.log(len(keys)))
         size = float(strong.sum())
@@ -117,7 +125,10 @@ def _fit_pattern(
 
 
 def _halves(problem: Problem, data: ChannelData, level: IntArray) -> IntArray:
-    """Half of each row: whole blocks by turns, or images where blocks are parts of these and keep a pixel's rows."""
+    """Half of each row: whole blocks by turns, or images where blocks are parts of these and keep a pixel's rows.
+
+    Where no images are told apart a pixel's own rows go by turns: each was measured anew.
+    """
     groups, rows = problem.groups, problem.view.rows[data.use]
     for code in (data.block, groups.frame, groups.step):
         if code is None:
@@ -127,7 +138,11 @@ def _halves(problem: Problem, data: ChannelData, level: IntArray) -> IntArray:
         both = np.intersect1d(level[half == 0], level[half == 1])
         if 2 * len(both) > len(np.unique(level)):
             return half
-    return np.asarray(np.unique(data.block, return_inverse=True)[1] % 2, dtype=np.int64)
+    order = np.argsort(level, kind="stable")
+    start = np.concatenate([[0], np.cumsum(np.bincount(level))[:-1]])
+    turn = np.empty(len(level), dtype=np.int64)
+    turn[order] = np.arange(len(level)) - start[level[order]]
+    return turn % 2
 
 
 def half_z(gram: FloatArray, score: FloatArray, tau: float) -> float:

@@ -174,12 +174,15 @@ def plain_change(d: ChannelData, change: FloatArray) -> float:
 def has_other_place(looker: Looker, terms: Sequence[Term], pattern: Pattern) -> bool:
     """Whether a channel of a pattern carries stronger structure on something other than its pixels.
 
-    The radius at which a few dead pixels lie tells of nothing else.
+    The radius at which a few dead pixels lie tells of nothing else, nor does what their light leaves where the share
+    of answers says that they are dead.
     """
     state = forward(terms, looker.problem.view)
     own = PIXEL_COLUMNS | set(FIELD_COLUMNS) if pattern.term.effect.sparse else PIXEL_COLUMNS
-    for d in looker.problem.data:
-        if d.channel.name in pattern.term.variant.channels and d.channel.role is not Role.SCATTER:
+    told = [d for d in looker.problem.data if d.channel.name in pattern.term.variant.channels]
+    counted = [d for d in told if d.channel.role is Role.FRACTION] if pattern.term.effect.sparse else []
+    for d in counted or told:
+        if d.channel.role is not Role.SCATTER:
             place = locate(looker, d, state)
             if place is not None and place.gain > pattern.gain and not set(place.columns) & own:
                 return True

@@ -39,3 +39,18 @@ def test_a_lamp_s_shot_noise_is_found_while_it_is_on(switch, told, on):
 
 def test_a_lamp_that_adds_no_photons_is_no_finding():
     assert not diagnose(lit(2, 0.0, "lamp_on"))[0].findings
+
+
+def test_scatter_under_one_of_three_named_conditions_is_found_there():
+    made = lit(3, 0.0, "lamp_on")
+    rng = np.random.default_rng(3)
+    blower = np.array(["off", "low", "high"])[np.arange(made.n) // 40 % 3]
+    numbers = made.numbers["signal_counts_std"]
+    numbers *= np.where(blower == "high", np.sqrt(1.0 + 0.25 * rng.chisquare(40, made.n) / 40.0), 1.0)
+    table = pa.table({
+        "time_s": made.numbers["time_s"], "blower": blower, "n_frames": made.numbers["n_frames"],
+        **{n: made.numbers[n] for n in made.numbers if "signal" in n},
+    })  # fmt: skip
+    (finding,) = diagnose(columns_of(table))[0].findings
+    assert finding.effect == "readout.noise_excess"
+    assert finding.where["blower"] == ["high"]

@@ -9,11 +9,15 @@ from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effect import Effect, Option, Parameter, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, rounded, shape, temperature_drivers
+from arl_fixtures.reconcile.grouping import DEVICE_WORDS, UNIT_WORDS
 from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.view import View
 
 BoolArray = NDArray[np.bool_]
 
+_NO_CONDITION = ("mixed", "surface")
+_MOST_STATES, _FEWEST = 5, 20
+"""Names of a condition that are tried one by one, and rows that each of them needs."""
 _NO_SWITCH = ("dut", "cycle", "step", "ramp", "pixel_u", "pixel_v", "n_frames")
 
 
@@ -23,7 +27,7 @@ class NoiseExcess(Effect):
     * everywhere: c = 1.
     * growing: c = 2^((T − highest) / doubling).
     * split: one factor below and one above a knee of a temperature, the image or the ramp.
-    * while: c = 1 while something is switched on (a lamp, a heater), else 0.
+    * while: c = 1 while something is switched on (a lamp, a heater) or a condition has one of its few names, else 0.
     """
 
     id = "readout.noise_excess"
@@ -43,8 +47,8 @@ class NoiseExcess(Effect):
                 options: dict[str, Option] = {"column": column, "highest": rounded(view.span(column)[1])}
                 growth = shape("doubling", "K", 3.0, 200.0, 20.0)
                 yield self._variant(view, channel.name, {"condition": "growing", **options}, (growth,))
-            for column in _switches(view):
-                yield self._variant(view, channel.name, {"condition": "while", "column": column}, ())
+            for column, level in _switches(view):
+                yield self._variant(view, channel.name, {"condition": "while", "column": column, "level": level}, ())
             for column in split:
                 low, high = view.span(column)
                 starts = [low + share * (high - low) for share in ((0.5,) if column == "ramp" else (0.5, 0.25, 0.75))]
@@ -84,7 +88,7 @@ class NoiseExcess(Effect):
             warm = np.nan_to_num(view.number(str(variant.options["column"]))) - float(variant.options["highest"])
             under = np.exp2(np.clip(warm / float(values["doubling"]), -60.0, 4.0))
         elif variant.options["condition"] == "while":
-            under = _is_on(view, str(variant.options["column"])).astype(float)
+            under = _is_on(view, variant).astype(float)
         scaled = state[name] * (1.0 + float(values["factor"]) * under)
         state[name] = np.sqrt(scaled**2 + (float(values["added"]) * under) ** 2)
 
@@ -92,7 +96,7 @@ class NoiseExcess(Effect):
         """The noisier side of the knee, or where the switch is on."""
         if variant.options["condition"] == "while":
             switch = str(variant.options["column"])
-            return {switch: ["true"] if view.is_category(switch) else [1.0, 1.0]}
+            return {switch: [str(variant.options["level"])] if view.is_category(switch) else [1.0, 1.0]}
         if variant.options["condition"] != "split":
             return {}
         column, knee = str(variant.options["column"]), float(values["knee"])
@@ -108,7 +112,7 @@ class NoiseExcess(Effect):
         if variant.options["condition"] == "growing":
             grown = f", c = 2^(({column} - {variant.options['highest']}) / doubling)"
         elif variant.options["condition"] == "while":
-            grown = f", c = [{column}]"
+            grown = f", c = [{column} = {variant.options['level']}]"
         return f"{name}^2 = ({name} * (1 + factor * c))^2 + (added * c)^2{grown}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
@@ -121,7 +125,7 @@ class NoiseExcess(Effect):
         if variant.options["condition"] == "growing":
             condition = f"at the highest {column}, less below"
         if variant.options["condition"] == "while":
-            condition = f"while {column} is {'true' if view.is_category(str(column)) else '1'}"
+            condition = f"while {column} is {variant.options['level']}"
         if variant.options["condition"] == "split":
             above = values["factor_above"] >= values["factor_below"]
             condition = f"where {column} is {'above' if above else 'below'} {values['knee']:.4g}"
@@ -132,22 +136,27 @@ class NoiseExcess(Effect):
         return "Record dark frames (window covered) and frames of one bright target: read-out noise is in both alike."
 
 
-def _switches(view: View) -> list[str]:
-    """Columns that say of each row whether something is on: true and false, or 1 and 0."""
-    found = [
-        name for name, (_, labels) in view.columns.categories.items()
-        if name != "mixed" and view.is_category(name) and sorted(labels) == ["false", "true"]
-    ]  # fmt: skip
+def _switches(view: View) -> list[tuple[str, str]]:
+    """Columns that say which of few states something is in, with the state that is tried: on, 1, any of its names."""
+    found: list[tuple[str, str]] = []
+    for name, (codes, labels) in view.columns.categories.items():
+        if not view.is_category(name) or name in _NO_CONDITION or name.startswith((*UNIT_WORDS, *DEVICE_WORDS)):
+            continue
+        if sorted(labels) == ["false", "true"]:
+            found.append((name, "true"))
+        elif 1 < len(labels) <= _MOST_STATES and np.bincount(codes[codes >= 0]).min() >= _FEWEST:
+            found += [(name, label) for label in labels]
     for name, values in view.columns.numbers.items():
         told = np.unique(values[np.isfinite(values)]) if view.varies(name) and unit_of(name) == "1" else values[:0]
         if told.tolist() == [0.0, 1.0] and name not in _NO_SWITCH:
-            found.append(name)
+            found.append((name, "1"))
     return found
 
 
-def _is_on(view: View, column: str) -> BoolArray:
+def _is_on(view: View, variant: Variant) -> BoolArray:
+    column = str(variant.options["column"])
     if view.is_category(column):
-        return view.selects(column, "true")
+        return view.selects(column, str(variant.options["level"]))
     return np.asarray(view.number(column) == 1.0)
 
 
