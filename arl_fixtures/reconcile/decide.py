@@ -142,7 +142,7 @@ class Decision:
                       if set(t.variant.channels) & set(pattern.term.variant.channels)]  # fmt: skip
             if calibration or self.patterns or pattern.gain <= max(shares, default=0.0):
                 continue
-            if is_unsteady(self.found.looker, [*self.best.terms, pattern.term], pattern.term):
+            if is_unsteady(self.found.looker, [*self.best.terms, pattern.bare], pattern.bare):
                 continue
             if shares or not has_other_place(self.found.looker, self.best.terms, pattern):
                 self.patterns.append(pattern)

@@ -40,9 +40,11 @@ class Pattern:
         gain: log-likelihood over no pattern.
         z: significance of predicting one half of the blocks from the other.
         size: standard deviation (dense) or number of levels (sparse).
+        bare: the term with values as they were measured, not drawn towards none by what is noise in them.
     """
 
     term: Term
+    bare: Term
     gain: float
     z: float
     size: float
@@ -101,13 +103,15 @@ def _fit_pattern(
     good = total > 1e-9
     if good.sum() < FEWEST_LEVELS:
         return None
-    values = np.zeros(len(keys))
+    values, measured = np.zeros(len(keys)), np.zeros(len(keys))
+    measured[good] = pull[good] / total[good]
     if sparse:
         z = pull / np.sqrt(np.maximum(total, 1e-12))
         right = pull * (1.0 if parameter.low >= null else -1.0) > 0
         estimate = pull / np.maximum(total, 1e-12)
         strong = good & right & (np.abs(z) > SPARSE_Z) & (np.minimum(np.abs(estimate), np.abs(answers)) > 0.5)
         values[strong] = estimate[strong]
+        measured = values
         gain = float(0.5 * np.sum(z[strong] ** 2) - strong.sum() * np.log(len(keys)))
         size = float(strong.sum())
         z_half = SPARSE_Z if strong.any() else 0.0
@@ -116,12 +120,21 @@ def _fit_pattern(
         values[good] = pull[good] / (total[good] + 1.0 / max(tau, 1e-12) ** 2)
         size = tau
         z_half = half_z(gram, score, tau)
+    fitted = [
+        Term(effect=effect, variant=variant, values=default_values(variant), fields={parameter.name: level})
+        for level in (_levels(parameter, keys, null, values), _levels(parameter, keys, null, measured))
+    ]
+    return Pattern(term=fitted[0], bare=fitted[1], gain=gain, z=z_half, size=size)
+
+
+def _levels(
+    parameter: Parameter, keys: Sequence[tuple[str, ...]], null: float, values: FloatArray
+) -> dict[tuple[str, ...], float]:
+    """Value of each level that differs from none."""
     level = {
         key: float(np.clip(null + x, parameter.low, parameter.high)) for key, x in zip(keys, values, strict=True)
     }
-    level = {key: x for key, x in level.items() if x != null}
-    fitted = Term(effect=effect, variant=variant, values=default_values(variant), fields={parameter.name: level})
-    return Pattern(term=fitted, gain=gain, z=z_half, size=size)
+    return {key: x for key, x in level.items() if x != null}
 
 
 def _halves(problem: Problem, data: ChannelData, level: IntArray) -> IntArray:

@@ -34,6 +34,7 @@ _SINGLE = 0.7
 """Share of a table's rows that places make of which several rows are frames."""
 _MOST_LACKING = 3.0
 """Positions that a hole of a sweep may be back to the next one known."""
+_LONGEST_DELAY_S, _SPEED_UNIT = 2.0, "_deg_s"
 _UNEVEN = 0.25
 """Relative scatter of a sweep's steps from which a lag is told from a constant angle."""
 
@@ -45,6 +46,7 @@ class FrameLag(Effect):
     * settling: frame k (from 0) is taken at `creep`·exp(−k / decay) of the way back to the position before.
     * on the way: where rows are single frames, each shows one place, at `creep`·exp(−t / decay) of that way, t since
       the first frame at its stage angle; t = 0 where an angle has one frame only.
+    * delay: frames are taken on the run, and each shows the angle of `delay` seconds before, at the recorded speed.
 
     A mixture widens the scatter.
     """
@@ -77,6 +79,15 @@ class FrameLag(Effect):
             )
         if scene(view) is None:
             return
+        for speed in _speeds(view):
+            yield Variant(
+                effect=self.id,
+                options={"frames": 0, "kind": "delay", "speed": speed},
+                parameters=(amplitude("delay", "s", 0.0, _LONGEST_DELAY_S, 0.05),),
+                channels=scanned_channels(view),
+                drivers=(speed, *drivers),
+                rough=is_sharp(view),
+            )
         creep, several = (
             amplitude("creep", "1", 0.0, 1.0, 0.2),
             view.has("n_frames") and view.middle("n_frames") >= 2.0,
@@ -107,6 +118,10 @@ class FrameLag(Effect):
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Mixes in what the same pixel saw before, or on the way."""
+        if variant.options.get("kind") == "delay":
+            speed = np.nan_to_num(view.number(str(variant.options["speed"])))
+            turn_stage(view, state, -float(values["delay"]) * speed)
+            return
         if variant.options.get("kind") == "on the way":
             way = _way_back(view, float(variant.options["longest_s"]))
             left = np.exp(-way.since_s[view.rows] / float(values["decay"])) if "decay" in values else 1.0
@@ -133,6 +148,8 @@ class FrameLag(Effect):
 
     def expression(self, variant: Variant) -> str:
         """The law."""
+        if variant.options.get("kind") == "delay":
+            return f"X = X at stage_angle_deg - delay * {variant.options['speed']}"
         if variant.options.get("kind") == "settling":
             return "X = mean over frames k of X at stage_angle_deg + creep * exp(-k / decay) * (angle before - angle)"
         if variant.options.get("kind") == "on the way":
@@ -142,6 +159,8 @@ class FrameLag(Effect):
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Share of stale frames, or how far the stage was from its place."""
+        if "delay" in values:
+            return f"Frames show where the running stage was {1e3 * float(values['delay']):.1f} ms before."
         if variant.options.get("kind") == "on the way":
             then = f", {values['decay']:.3g} s later a third of that" if "decay" in values else ""
             return (
@@ -164,6 +183,11 @@ class FrameLag(Effect):
             "Sweep the angles in the other direction, or wait longer before each frame set: a lag turns round or "
             "goes."
         )
+
+
+def _speeds(view: View) -> list[str]:
+    """Columns of the stage's speed, positive where its angle grows."""
+    return [name for name in view.columns.numbers if name.endswith(_SPEED_UNIT) and view.varies(name)][:1]
 
 
 @dataclass(frozen=True, slots=True)
