@@ -25,7 +25,7 @@ _SIGNAL_UNITS = {"counts", "cps", "kcps", "mcps", "w", "mw", "uw", "j", "mj", "l
 _READ_IN = {"", "a", "ma", "ua", "v", "mv", "hz", "khz", "mhz"}
 _VISIT_WORDS = (
     "step", "stop", "readout", "read_out", "visit", "position", "placement", "station", "pose", "point", "setting",
-    "session", "record", "measurement", "soak", "dwell", "burst", "batch", "interval", "sequence",
+    "session", "record", "measurement", "soak", "dwell", "burst", "shot", "batch", "interval", "sequence",
 )  # fmt: skip
 
 HALF_TURN_DEG = 180.0

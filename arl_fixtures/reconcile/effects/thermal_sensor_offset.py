@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
@@ -28,7 +29,8 @@ class SensorOffset(Effect):
 
     def variants(self, view: View) -> Iterable[Variant]:
         """One per temperature channel, and one per unit of it against the others."""
-        units = view.labels("dut") if len(view.labels("dut")) <= _MOST_UNITS else ()
+        column = _thermometers(view)
+        units = view.labels(column) if column and len(view.labels(column)) <= _MOST_UNITS else ()
         for channel in view.channels(Role.TEMPERATURE):
             yield Variant(
                 effect=self.id,
@@ -37,22 +39,24 @@ class SensorOffset(Effect):
                 channels=(channel.name,),
                 drivers=(f"sim_{channel.name}",),
             )
-            for unit in units:
+            for unit, shared in itertools.product(units, (True,) if column == "dut" else (False, True)):
                 yield Variant(
                     effect=self.id,
-                    options={"channel": channel.name, "unit": unit, "units": len(units)},
+                    options={
+                        "channel": channel.name, "column": column, "unit": unit, "units": len(units) if shared else 0
+                    },
                     parameters=(amplitude("offset", "K", -30.0, 30.0, 0.5),),
                     channels=(channel.name,),
-                    drivers=("dut",),
-                    where={"dut": [unit]},
-                )
+                    drivers=(column,),
+                    where={column: [unit]},
+                )  # fmt: skip
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Shifts and stretches the reading."""
         name = str(variant.options["channel"])
         if "unit" in variant.options:
-            own = view.selects("dut", str(variant.options["unit"])) - 1.0 / float(variant.options["units"])
-            state[name] = state[name] + float(values["offset"]) * own
+            own = view.selects(str(variant.options["column"]), str(variant.options["unit"])) * 1.0
+            state[name] = state[name] + float(values["offset"]) * (own - _share(variant))
             return
         state[name] = state[name] + float(values["offset"]) + float(values["gain"]) * (state[name] - _REFERENCE_C)
 
@@ -60,16 +64,16 @@ class SensorOffset(Effect):
         """The law."""
         name = variant.options["channel"]
         if "unit" in variant.options:
-            return f"{name} += offset * ([dut = {variant.options['unit']}] - 1/{variant.options['units']})"
+            shared = f" - 1/{variant.options['units']}" if variant.options["units"] else ""
+            return f"{name} += offset * ([{variant.options['column']} = {variant.options['unit']}]{shared})"
         return f"{name} += offset + gain * ({name} - {_REFERENCE_C:g})"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Offset and gain."""
         if "unit" in variant.options:
-            return (
-                f"{variant.options['channel']} of {variant.options['unit']} reads {values['offset']:+.2f} K off; "
-                f"what was fitted to all units together gave each its share of it."
-            )
+            off = f"{variant.options['channel']} of {variant.options['unit']} reads {values['offset']:+.2f} K off"
+            fitted = "; what was fitted to all units together gave each its share of it" if _share(variant) else ""
+            return f"{off}{fitted}."
         return (
             f"{variant.options['channel']} reads {values['offset']:+.2f} K off at 25 °C, and "
             f"{values['gain'] * 100:+.2f} % of the difference to 25 °C on top."
@@ -78,3 +82,21 @@ class SensorOffset(Effect):
     def next_experiment(self, variant: Variant) -> str:
         """What confirms it."""
         return "Put the thermocouple into ice water and boiling water, or beside a reference on the unpowered plate."
+
+
+_PLACES = ("thermocouple", "thermometer", "node", "probe", "sensor", "nest", "position", "location")
+"""Words of a column that tells thermometers apart where no devices are told apart."""
+
+
+def _thermometers(view: View) -> str:
+    """Category column that tells thermometers apart: devices, else places; empty for none."""
+    if view.labels("dut"):
+        return "dut"
+    named = [name for name in view.columns.categories if any(word in name for word in _PLACES)]
+    return next((name for name in named if view.is_category(name)), "")
+
+
+def _share(variant: Variant) -> float:
+    """What a fit to all units together gave each of an offset of one."""
+    units = float(variant.options["units"])
+    return 1.0 / units if units else 0.0
