@@ -224,6 +224,13 @@ class Effect(ABC):
         """
         return list(variant.drivers)
 
+    def unknown_history(self, variant: Variant, values: Values, view: View) -> dict[str, float]:
+        """Standard errors of parameters, in their units, beside what the noise of the rows makes of them.
+
+        Override it where a law integrates what was not recorded all the time.
+        """
+        return {}
+
     def says_as_well(self, variant: Variant) -> tuple[str, ...]:
         """Ids that mean the same in the way in which a variant acts, whatever tells their laws apart."""
         return ()

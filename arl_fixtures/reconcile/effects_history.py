@@ -98,8 +98,11 @@ def _common_start(cycle: IntArray, group: IntArray, time: FloatArray, start: Flo
     return common
 
 
-def history(view: View, column: str) -> History | None:
-    """History of a numeric column of the whole table; None without time, or where nothing was logged."""
+def history(view: View, column: str, jump: float | None = None) -> History | None:
+    """History of a numeric column of the whole table; None without time, or where nothing was logged.
+
+    Between two readings it is a straight line, or changes at once where `jump` says, as a share of the way.
+    """
 
     def make() -> History | None:
         clock = _clock(view)
@@ -116,10 +119,24 @@ def history(view: View, column: str) -> History | None:
         ticks = np.arange(clock.length, dtype=float)
         for index, (place, reading) in enumerate(readings):
             if place.size:
-                grid[index] = np.interp(ticks, place, reading)
+                knots = (place, reading) if jump is None else _with_jumps(place, reading, jump)
+                grid[index] = np.interp(ticks, *knots)
         return History(values=grid, interval=clock.interval, unit=clock.unit, start=clock.start)
 
-    return per_table(view, ("history", column), make)
+    return per_table(view, ("history", column, jump), make)
+
+
+_QUICK = 0.1
+"""Half of what a change takes that happens at one place between two readings, as a share of the way between them."""
+
+
+def _with_jumps(place: FloatArray, reading: FloatArray, jump: float) -> tuple[FloatArray, FloatArray]:
+    """Readings with a quick change at a share of the way from each to the next, and none before and after it."""
+    gap = np.diff(place)
+    before, after = place[:-1] + (jump - _QUICK) * gap, place[:-1] + (jump + _QUICK) * gap
+    where = np.concatenate([place, before, after])
+    order = np.argsort(where, kind="stable")
+    return where[order], np.concatenate([reading, reading[:-1], reading[1:]])[order]
 
 
 _Readings = list[tuple[FloatArray, FloatArray]]

@@ -77,10 +77,11 @@ def _region(decision: Decision, term: Term, channels: Sequence[str]) -> dict[str
 
 def _parameters(decision: Decision, index: int) -> list[ParameterValue]:
     widths = half_widths(decision.problem, decision.best)
-    made = []
+    term, made = decision.best.terms[index], []
+    unknown = term.effect.unknown_history(term.variant, term.values, decision.problem.view)
     for (place, p), width in zip(decision.best.keys, widths, strict=True):
         if place == index:
-            value = decision.best.terms[index].values[p.name]
+            value, width = term.values[p.name], float(np.hypot(width, 1.96 * unknown.get(p.name, 0.0)))
             low, high = max(value - width, p.low), min(value + width, p.high)
             made.append(ParameterValue(name=p.name, value=value, unit=p.unit, low=float(low), high=float(high)))
     return made

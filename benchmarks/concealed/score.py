@@ -185,7 +185,8 @@ def score(truth: dict[str, Any], folder: Path, answer: Answer) -> Score:
         return mark
     _mark_names(mark, told, findings)
     if truth["kind"] == "single" and first is not None and told[0]["effect"] in _names(first):
-        mark.parameters = _parameters(told[0], first)
+        if told[0]["effect"] == first["effect"]:  # a look-alike's parameters are others
+            mark.parameters = _parameters(told[0], first)
         if told[0]["where"]:
             table = pq.read_table(folder / truth["name"] / "table.parquet", columns=None)
             columns = {

@@ -13,7 +13,7 @@ RIVALS = [
 ]  # fmt: skip
 
 
-def ramped(seed, per_kelvin_late, per_kelvin_chip, logged_chip, unrecorded_s=0.0):
+def ramped(seed, per_kelvin_late, per_kelvin_chip, logged_chip, unrecorded_s=0.0, within_s=(0.0, STEP_S)):
     """A single-point sensor over two cycles of 14 temperature steps; a node of 1100 s follows the housing."""
     rng = np.random.default_rng(seed)
     levels = np.tile([20.0, 0.0, -10.0, 0.0, 20.0, 40.0, 60.0, 80.0, 60.0, 40.0, 20.0, 50.0, 70.0, 30.0], 2)
@@ -35,7 +35,9 @@ def ramped(seed, per_kelvin_late, per_kelvin_chip, logged_chip, unrecorded_s=0.0
     sigma = 2e-3
     shared = 1e-4 * rng.normal(size=levels.size)[step.astype(int)]
     measured = away + (error + shared)[row] + sigma / 5.0 * rng.normal(size=row.size)
-    recorded = (time - 14.0 * STEP_S * (step // 14) >= unrecorded_s)[row]
+    since = time - STEP_S * step
+    recorded = (time - 14.0 * STEP_S * (step // 14) >= unrecorded_s) & (since >= within_s[0]) & (since < within_s[1])
+    recorded = recorded[row]
     return columns_of(pa.table({
         "cycle": step[row] // 14, "step": step[row] % 14, "time_s": time[row] - 14.0 * STEP_S * (step[row] // 14),
         "housing_temperature_c": housing[row], "true_range_m": away, "n_frames": np.full(row.size, 25.0),
@@ -70,3 +72,14 @@ def test_a_record_that_begins_amid_a_ramp_does_not_hide_a_lag():
     assert names(found) == {"timing.thermal_lag"}
     time_constant = next(p for p in found[0].parameters if p.name == "time_constant")
     assert time_constant.low < 1100.0 < time_constant.high
+
+
+def test_what_nobody_logged_between_the_steps_is_in_the_interval():
+    """Logged for two minutes of every quarter of an hour: whether the steps came early or late is not known."""
+    widths = []
+    for within_s in ((0.0, STEP_S), (240.0, 360.0)):
+        (found,) = diagnose(ramped(5, 2e-4, 0.0, True, within_s=within_s), effects=RIVALS)[0].findings
+        lag = next(p for p in found.parameters if p.name == "time_constant")
+        assert lag.low < 1100.0 < lag.high
+        widths.append(lag.high - lag.low)
+    assert widths[1] > 3.0 * widths[0]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from arl_fixtures.reconcile.effect import Effect, Option, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
@@ -28,6 +29,7 @@ _LONGEST = 0.25
 """Share of what was recorded that a time constant may take: a later node stands still, and its lag is an offset."""
 
 
+_JUMPS, _FARTHEST = (0.25, 0.75), 4.0
 _AT_START, _MOVED = 0.05, 0.02
 """Share of a record that is its start, and of all temperatures by which a change there is one."""
 
@@ -102,6 +104,40 @@ class ThermalLag(Effect):
         if "at_start" in values:
             moved = moved + float(values["at_start"]) * on_rows(view, _fading(record, variant, values))
         state[distance] = state[distance] + moved
+
+    def unknown_history(self, variant: Variant, values: Values, view: View) -> dict[str, float]:
+        """What slope and time constant would be had the temperature changed early or late between two readings.
+
+        The same errors of the distance then need other values; how far these lie off is what nobody knows of them.
+        """
+        column, kind = str(variant.options["temperature"]), variant.options["kind"]
+        record = history(view, column)
+        parameter = next(p for p in variant.parameters if p.name == "time_constant")
+        found, slope = float(values["time_constant"]), float(values["slope"])
+        if record is None or kind != "difference":
+            return {}
+        seen = np.nan_to_num(on_rows(view, lagged(record, found) - record.values))
+        off = {"time_constant": 0.0, "slope": 0.0}
+        for jump in _JUMPS:
+            other = history(view, column, jump)
+            if other is None:
+                continue
+
+            def acting_of(late: float, other: History = other) -> FloatArray:
+                return np.nan_to_num(on_rows(view, lagged(other, late) - other.values))
+
+            def factor_of(acting: FloatArray) -> float:
+                return float(acting @ seen) / max(float(acting @ acting), 1e-300)
+
+            def rest_of(late: float, acting_of: Callable[[float], FloatArray] = acting_of) -> float:
+                acting = acting_of(late)
+                return float(np.sum((seen - factor_of(acting) * acting) ** 2))
+
+            low, high = max(found / _FARTHEST, parameter.low), min(found * _FARTHEST, parameter.high)
+            best = float(minimize_scalar(rest_of, bounds=(low, high), method="bounded").x)
+            off["time_constant"] = max(off["time_constant"], abs(best - found))
+            off["slope"] = max(off["slope"], abs(factor_of(acting_of(best)) - 1.0) * abs(slope))
+        return {name: size / np.sqrt(3.0) for name, size in off.items()}
 
     def says_as_well(self, variant: Variant) -> tuple[str, ...]:
         """An offset that follows a late temperature is one that follows a chip's own, which was not logged."""
