@@ -37,6 +37,8 @@ LEAST_CONSTANT = 1e-4
 """Share of a row's noise below which a unit's constant is not listed."""
 FAR_Z, FEW = 10.0, 0.01
 """So few rows so many standard errors off are outliers, not a mismatch."""
+HELD_BACK = 0.25
+"""Weight below which a row is held back (see `lonely`)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,7 +151,7 @@ class _Maker:
             made.append(
                 (
                     f"Channel {d.channel.name}",
-                    f"{unit or 'no unit'}, {words.counted(len(d.use))} rows compared{noise}{wider}",
+                    f"{unit or 'no unit'}, {words.counted(len(d.use))} rows compared{noise}{wider}{_held_back(d)}",
                 )
             )
         for label, names in (
@@ -243,6 +245,15 @@ def _part(d: ChannelData, state: State, fold: int, *, centred: bool = False) -> 
         residual = residual - d.scale * d.constants(residual)[d.unit]
     here = d.fold == fold
     return float(np.sum((d.trust * (residual / d.stated) ** 2)[here]) / max(float(np.sum(d.trust[here])), 1e-12))
+
+
+def _held_back(d: ChannelData) -> str:
+    """How many rows are off by far alone and count for next to nothing, empty where none are."""
+    count = int(np.sum(d.trust < HELD_BACK))
+    if not count:
+        return ""
+    rows = "1 row lies" if count == 1 else f"{words.counted(count)} rows lie"
+    return f"; {rows} far off alone and {'counts' if count == 1 else 'count'} for next to nothing"
 
 
 def _outliers(d: ChannelData, state: State) -> str:
