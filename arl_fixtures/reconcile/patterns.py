@@ -27,8 +27,9 @@ SPARSE_Z = 6.0
 SCATTER_GAIN = 9.0
 FEWEST_LEVELS = 5
 """Pixels or zones whose values make a pattern."""
-LEAST_SHARED = 0.5
-"""Row errors that images must share at least: less is what neighbouring pixels' noise has in common."""
+LEAST_SHARED = 0.3
+"""Row errors that images must share at least, in the tenth of the rows in which it shows most: less is what
+neighbouring pixels' noise has in common."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -279,7 +280,8 @@ def _scatter_of(
     driver = condition_of(problem, data, group, state, strict=small and not declared)
     if not declared and small and not driver:
         return None
-    if not level.declared and size < LEAST_SHARED * float(np.median(alone)):
+    # a share of the signal shows where that is strong
+    if not level.declared and float(np.quantile(tau * level.scale / alone, 0.9)) < LEAST_SHARED:
         return None
     amplitude = next(p for p in variant.parameters if p.is_amplitude)
     extra = float(np.sqrt(max(tau**2 - level.floor**2, 0.0))) * float(np.median(level.scale))

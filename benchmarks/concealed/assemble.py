@@ -17,11 +17,16 @@ from benchmarks.concealed.lookalikes import lookalikes
 from benchmarks.concealed.recipe import Recipe
 from benchmarks.concealed.sensor import Sensor
 
+WILD_SHARE = 0.002
+
 
 def _deviates(rng: np.random.Generator, size: int, tails: str) -> np.ndarray:
     if tails == "heavy":
         return rng.standard_t(4, size=size) / np.sqrt(2.0)
     z = rng.normal(size=size)
+    if tails == "wild":
+        far = rng.choice([-1.0, 1.0], size=size) * rng.uniform(6.0, 40.0, size=size)
+        return np.where(rng.random(size) < WILD_SHARE, far, z)
     return np.where(rng.random(size) < 0.05, 5.0 * z, z) if tails == "outliers" else z
 
 

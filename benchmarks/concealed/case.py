@@ -24,7 +24,8 @@ class Concealment:
 
     `repeat` is "declared" (in the table), "undeclared" (there, not in the table) or "none"; `calibration` what was
     refitted on the corrupted data: "none", "global" or "pixel"; `tails` the rows' noise: "normal", "heavy" (Student
-    t, 4 degrees of freedom, unit variance) or "outliers" (5 % of the rows scatter five times as much).
+    t, 4 degrees of freedom, unit variance), "outliers" (5 % of the rows scatter five times as much) or "wild" (two
+    rows in a thousand are off by 6 to 40 standard errors).
     """
 
     repeat: str = "declared"

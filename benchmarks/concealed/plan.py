@@ -110,7 +110,7 @@ def conceal(rng: np.random.Generator, sensor: Sensor, effects: list[Effect]) -> 
     return Concealment(
         repeat="declared" if common else str(rng.choice(["declared", "undeclared", "none"], p=[0.6, 0.25, 0.15])),
         calibration=calibration if effects else str(rng.choice(["none", "none", "global", "pixel"])),
-        tails=str(rng.choice(["normal", "heavy", "outliers"], p=[0.7, 0.15, 0.15])),
+        tails=str(rng.choice(["normal", "heavy", "outliers", "wild"], p=[0.5, 0.15, 0.15, 0.2])),
         holes=float(rng.choice([0.0, 0.05, 0.2], p=[0.6, 0.25, 0.15])),
         with_std=with_std,
         dropped=tuple(dropped),

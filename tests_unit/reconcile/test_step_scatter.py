@@ -154,3 +154,17 @@ def test_one_step_that_is_off_is_no_law_of_its_temperature(columns_of):
 
     diagnosis, _, _ = diagnose(columns_of(4, darker, steps=9, duts=1), effects=named(*OF_STEPS))
     assert "laser.thermal_rolloff" not in [f.effect for f in diagnosis.findings]
+
+
+def test_images_that_scatter_by_a_share_of_their_light_show_it_where_it_is_strong(columns_of):
+    """Half of the pixels look at dark surfaces, where a few permille are a twentieth of the noise."""
+
+    def flicker(columns, rng):
+        image = np.unique(np.column_stack([columns["step"], columns["stage_angle_deg"], columns["dut"] == "S1"]),
+                          axis=0, return_inverse=True)[1].ravel()  # fmt: skip
+        columns["intensity_counts"] *= 1.0 + 0.0022 * rng.normal(size=image.max() + 1)[image]
+
+    known = [library()[n] for n in ("bench.repeatability", "laser.pulse_energy_jitter", "laser.power_decay")]
+    findings = diagnose(columns_of(91, flicker), effects=known)[0].findings
+    assert [f.effect for f in findings] == ["bench.repeatability"]
+    assert not diagnose(columns_of(92), effects=known)[0].findings
