@@ -23,7 +23,7 @@ from arl_fixtures.reconcile.effects_pointing import by_whole_pixels
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.terms import Term, beside, default_values, forward
 
-MAX_STARTS = 12
+MAX_STARTS, MAX_PRODUCTS = 12, 16
 DRAWS = 100
 BY_CHANCE = 120.0
 """Squared change beyond which no chance lets a finite trial gain."""
@@ -140,11 +140,11 @@ def all_variants(
 
 
 def starts_of(variant: Variant) -> Iterator[dict[str, float]]:
-    """The starts of a single shape, which its effect has chosen; of several their products, at most `MAX_STARTS`."""
+    """The starts of a single shape, which its effect chose; of several their products, at most `MAX_PRODUCTS`."""
     shapes = variant.shapes()
     products = list(itertools.product(*(p.starts for p in shapes)))
-    if len(shapes) > 1 and len(products) > MAX_STARTS:
-        chosen = np.unique(np.linspace(0, len(products) - 1, MAX_STARTS).astype(int))
+    if len(shapes) > 1 and len(products) > MAX_PRODUCTS:
+        chosen = np.unique(np.linspace(0, len(products) - 1, MAX_PRODUCTS).astype(int))
         products = [products[i] for i in chosen]
     for product in products:
         yield dict(zip((p.name for p in shapes), product, strict=True))
