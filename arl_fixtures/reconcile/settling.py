@@ -48,8 +48,10 @@ def _swapped(search: Search, best: Fit, rest: tuple[Term, ...], label: str, stag
         present = finish(problem, fit(problem, best.terms, rounds=2))
         needed = present.log_likelihood - without.log_likelihood - PRICE * (len(best.keys) - len(without.keys))
         again = screen(search.small, search.variants, rest)
-        options = [c for c in shortlist(again.candidates)[:OPTIONS] if c.term.label != label]
-        better = [r for r in search.rank(without, options) if r.gain > needed + 1.0]
+        ranked = search.rank(without, shortlist(again.candidates)[:OPTIONS])
+        # the effect itself is fitted like the others: from its start, and with less scatter of the steps, too
+        needed = max([needed, *(r.gain for r in ranked if r.candidate.term.label == label)])
+        better = [r for r in ranked if r.candidate.term.label != label and r.gain > needed + 1.0]
         gains = gains_of(problem, without) if better else {}
         named = [
             r for r in better

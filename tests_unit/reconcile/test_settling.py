@@ -1,5 +1,7 @@
 """What takes the place of an effect is judged without what that effect had taught the gains of pixels."""
 
+from dataclasses import replace
+
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -7,7 +9,7 @@ import pytest
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.search import Search
-from arl_fixtures.reconcile.settling import following
+from arl_fixtures.reconcile.settling import _swapped, following
 from arl_fixtures.reconcile.table import columns_of
 
 BENT = 0.25
@@ -72,3 +74,15 @@ def test_a_bent_response_beside_columns_of_unequal_gain_keeps_its_name():
     ]  # fmt: skip
     findings = diagnose(camera(3, both), effects=named)[0].findings
     assert {f.effect for f in findings} == {"detector.compression", "readout.column_pattern"}
+
+
+def test_an_effect_is_not_replaced_by_one_that_only_its_fit_favours(monkeypatch):
+    """A candidate's fit may find a better scatter of the steps than a fit that goes on from where it stood."""
+    effects = [library()[n] for n in ("detector.compression", "detector.pile_up", "optics.veiling_glare")]
+    search = Search(camera(3, bent), effects)
+    found = search.run()
+    (term,) = found.best.terms
+    rank = search.rank
+    monkeypatch.setattr(search, "rank", lambda *given: [replace(r, gain=r.gain + 20.0) for r in rank(*given)])
+    kept = _swapped(search, found.best, (), term.label, found.stages[0])
+    assert [t.effect.id for t in kept.terms] == [term.effect.id]
