@@ -25,10 +25,12 @@ _DISTORTIONS = (0.0, 0.1, 0.2, 0.33)
 """From a pinhole to a lens whose angle is the place in the image, as k4."""
 _MOST_DISTORTION, _FOLDED = 0.5, 0.24
 _WIDEST_DEG = 160.0
-_CLEARLY = 0.5
+_CLEARLY = 0.25
 """Share of the jumps along single sweeps below which the curve is one scene's."""
 _MOST_ROWS = 4000
-_POLISHED = 6
+_POLISHED, _AS_SMOOTH = 2, 1.3
+"""Starts of each kind of lens that are followed, and how much rougher a curve may be for the plainer lens's sake:
+where a pixel is as wide as a step of the sweep, samples lie in heaps, and which one is smoother is chance."""
 _SAME_DEG = 2e-3
 
 
@@ -65,8 +67,9 @@ def camera_of_sweep(view: View) -> Camera | None:
     tried = sorted((jumps(*start, way), *start, way) for start in starts for way in (1.0, -1.0))
     if not (alone > 0.0 and tried[0][0] < alone):
         return None
-    best, found = np.inf, (0.0, 0.0)
-    for _, pitch, k4, way in tried[:_POLISHED]:
+    # a lens of another kind may come near with a pitch of its own: the best of each are followed to their ends
+    ends: list[tuple[float, float, float]] = []
+    for _, pitch, k4, way in [one for kind in _DISTORTIONS for one in [t for t in tried if t[2] == kind][:_POLISHED]]:
         simplex = np.array([[pitch, k4], [1.02 * pitch, k4], [pitch, k4 + 0.04]])
 
         def rough(place: FloatArray, way: float = way) -> float:
@@ -76,9 +79,12 @@ def camera_of_sweep(view: View) -> Camera | None:
             rough, simplex[0], method="Nelder-Mead",
             options={"initial_simplex": simplex, "maxiter": 120, "xatol": 1e-5},
         )  # fmt: skip
-        if float(polished.fun) < best:
-            best, found = float(polished.fun), (float(polished.x[0]), float(polished.x[1]))
-    return camera(*found) if best < _CLEARLY * alone else None
+        ends.append((float(polished.fun), float(polished.x[0]), float(polished.x[1])))
+    least = min(ends)[0]
+    if least > _CLEARLY * alone:
+        return None
+    _, pitch, k4 = min((end for end in ends if end[0] <= _AS_SMOOTH * least), key=lambda end: end[2])
+    return camera(pitch, k4)
 
 
 def rows_of_pixels(view: View) -> FloatArray:

@@ -12,10 +12,10 @@ from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
 from arl_fixtures.reconcile.view import View
 
-KNOWN = ("mount.tilt", "stage.zero_offset", "stage.periodic_error", "beam.profile_shift", "optics.vignetting")
+KNOWN = ("mount.tilt", "stage.zero_offset", "beam.profile_shift")
 
 
-def table(seed, *, zero=0.0, roll=0.0, angles=25):
+def table(seed, *, zero=0.0, roll=0.0, angles=21):
     rng = np.random.default_rng(seed)
     dut, angle, u, v = (
         a.ravel().astype(float)
@@ -60,9 +60,11 @@ def test_pixels_that_see_no_common_scene_tell_none():
 
 
 def test_a_zero_offset_is_found_without_rays():
-    findings, _ = found_in(table(3, zero=0.03))
-    assert [f.effect for f in findings] == ["stage.zero_offset"]
-    assert findings[0].parameters[0].value == pytest.approx(0.03, abs=0.01)
+    """By its class, which a yaw of both devices shares."""
+    findings, _ = found_in(table(3, zero=0.012))
+    (found,) = findings
+    assert {"stage.zero_offset", "mount.tilt"} >= {found.effect, *found.equivalent_to}
+    assert found.parameters[0].value == pytest.approx(0.012, rel=0.4)
 
 
 def test_a_roll_of_one_device_is_found_and_its_model_needs_no_sweep():
