@@ -52,7 +52,7 @@ def _at(found: Scene, view: View, turn: FloatArray | float, lift: FloatArray | f
     return seen
 
 
-_NEAR = 0.05
+_NEAR = 0.03
 """Share of a pixel's width within which a curve is a straight line: it is a mean over the whole width."""
 
 
