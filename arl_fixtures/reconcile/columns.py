@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from arl_fixtures.reconcile.roles import Role, role_of, unit_of
+from arl_fixtures.reconcile.roles import Role, may_be_light, role_of, unit_of
 
 IMAGE_COLUMNS = ("dut", "cycle", "step", "stage_angle_deg")
 """What tells images apart on a bench with a rotary stage."""
@@ -182,9 +182,10 @@ def find_channels(names: set[str]) -> tuple[Channel, ...]:
         if not name.startswith("sim_") and f"sim_{name}" in names
     }  # fmt: skip
     scatters = {name for name in measured if name.endswith("_std") and f"sim_{name.removesuffix('_std')}" in names}
-    made = [
-        Channel(name=name, role=role_of(name, measured), unit=unit_of(name)) for name in sorted(measured - scatters)
-    ]
+    roles = {name: role_of(name, measured) for name in sorted(measured - scatters)}
+    if all(role is Role.OTHER for role in roles.values()):
+        roles = {name: Role.INTENSITY if may_be_light(name) else role for name, role in roles.items()}
+    made = [Channel(name=name, role=role, unit=unit_of(name)) for name, role in roles.items()]
     made += [
         Channel(name=name, role=Role.SCATTER, unit=unit_of(name), parent=name.removesuffix("_std"))
         for name in sorted(scatters)

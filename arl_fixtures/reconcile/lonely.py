@@ -2,7 +2,7 @@
 
 A few readings in a thousand may be wild by any amount. A fit by least squares would follow them, and a region drawn
 about one looks like an effect. What an effect does it does to more than one row: to a pixel in other steps, to its
-neighbours in the image or in the sweep, to the rest of the frame. Wild readings come in bursts of a few rows at most.
+neighbours in the image or in the sweep, to the rest of the frame. Wild readings come in bursts of six rows at most.
 """
 
 from __future__ import annotations
@@ -53,15 +53,15 @@ def distance_alone(z: FloatArray, kinds: Iterable[IntArray], rows_beside: Iterab
 
 
 def _between(z: FloatArray, order: IntArray) -> FloatArray:
-    """What three of the four rows about a row are off at least, in its direction; nil where fewer are.
+    """What six of the eight rows about a row are off at least, in its direction; nil where fewer are.
 
-    Wild readings come in short bursts, too.
+    Wild readings come in bursts, too: the rows of a burst are no witnesses for each other.
     """
-    line = np.concatenate([[0.0, 0.0], z[order], [0.0, 0.0]])
-    sign = np.sign(z[order])
-    about = np.stack([sign * line[2 + k : len(line) - 2 + k] for k in (-2, -1, 1, 2)])
+    far, none = 4, np.zeros(4)
+    line, sign = np.concatenate([none, z[order], none]), np.sign(z[order])
+    about = np.stack([sign * line[far + k : len(line) - far + k] for k in range(-far, far + 1) if k])
     result = np.zeros(len(z))
-    result[order] = sign * np.maximum(np.sort(about, axis=0)[1], 0.0)
+    result[order] = sign * np.maximum(np.sort(about, axis=0)[2], 0.0)
     return result
 
 

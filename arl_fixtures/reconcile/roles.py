@@ -23,6 +23,7 @@ _SIGNAL_WORDS = (
 )  # fmt: skip
 _SIGNAL_UNITS = {"counts", "cps", "kcps", "mcps", "w", "mw", "uw", "j", "mj", "lux"}
 _READ_IN = {"", "a", "ma", "ua", "v", "mv", "hz", "khz", "mhz"}
+_SUPPLY_WORDS = ("rail", "laser", "supply", "bias", "tec", "pump", "heater", "drive", "battery", "clock", "rate")
 _VISIT_WORDS = (
     "step", "stop", "readout", "read_out", "visit", "position", "placement", "station", "pose", "point", "setting",
     "session", "record", "measurement", "soak", "dwell", "burst", "shot", "batch", "interval", "sequence",
@@ -95,6 +96,15 @@ def role_of(name: str, channels: frozenset[str] | set[str] = frozenset()) -> Rol
     if unit == "c":
         return Role.TEMPERATURE
     return Role.OTHER
+
+
+def may_be_light(name: str) -> bool:
+    """Whether a channel beside no other kind may be how light was read: a voltage or current that supplies nothing.
+
+    >>> may_be_light("voltage_v"), may_be_light("output_a"), may_be_light("rail_1v8_v"), may_be_light("force_n")
+    (True, True, False, False)
+    """
+    return suffix(name) in _READ_IN - {""} and not any(word in name for word in _SUPPLY_WORDS)
 
 
 def told_by(column: str) -> str:

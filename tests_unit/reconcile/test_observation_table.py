@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arl_fixtures.errors import DataError
+from arl_fixtures.reconcile.columns import find_channels
 from arl_fixtures.reconcile.parcels import batches_of_parcels, read_rows
 from arl_fixtures.reconcile.roles import Role, role_of, unit_of
 from arl_fixtures.reconcile.table import columns_of, load_table
@@ -112,3 +113,10 @@ def test_bytes_that_are_no_table_give_one_line(tmp_path_factory, blob):
     with pytest.raises(DataError) as caught:
         load_table(path)
     assert "\n" not in str(caught.value)
+
+
+def test_a_lone_voltage_is_how_light_was_read_and_beside_a_signal_it_is_not():
+    alone = find_channels({"voltage_v", "sim_voltage_v", "rail_5v0_v", "sim_rail_5v0_v"})
+    assert {c.name: c.role for c in alone} == {"voltage_v": Role.INTENSITY, "rail_5v0_v": Role.OTHER}
+    beside = find_channels({"voltage_v", "sim_voltage_v", "distance_m", "sim_distance_m"})
+    assert {c.name: c.role for c in beside} == {"voltage_v": Role.OTHER, "distance_m": Role.DISTANCE}

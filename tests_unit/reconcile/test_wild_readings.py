@@ -63,9 +63,9 @@ def test_rows_of_a_kind_and_neighbours_stand_by_a_far_one():
     z[40] = 30.0
     alone = distance_alone(z, [pixel], [order])
     assert alone[40] > 25.0
-    z[39], z[41] = 28.0, 31.0  # a burst
+    z[38:43] = 28.0  # a burst
     assert distance_alone(z, [pixel], [order])[40] > 25.0
-    z[38], z[42] = 27.0, 31.0  # a spot in the image
+    z[36:45] = 29.0  # a spot in the image
     assert distance_alone(z, [pixel], [order])[40] < 5.0
     z = rng.normal(size=600)
     z[pixel == 7] += 30.0  # a pixel in all steps
