@@ -64,11 +64,19 @@ def noise_quantities(view: View, use: IntArray) -> list[FloatArray]:
 
 def group_median(code: IntArray, x: FloatArray, count: int) -> FloatArray:
     """Median of each group of 0…count−1, (count,)."""
+    return group_quantiles(code, x, count, (0.5,))[0]
+
+
+def group_quantiles(code: IntArray, x: FloatArray, count: int, shares: Sequence[float]) -> list[FloatArray]:
+    """Value that a share of each group's rows lie below, (count,) for each share."""
     order = np.lexsort((x, code))
     sizes = np.bincount(code, minlength=count)
     start = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    middle = np.minimum(start + sizes // 2, len(x) - 1)
-    return np.asarray(x[order][middle], dtype=np.float64)
+    ranked, last = x[order], np.maximum(sizes - 1, 0)
+    return [
+        np.asarray(ranked[np.minimum(start + np.minimum((sizes * share).astype(np.int64), last), len(x) - 1)])
+        for share in shares
+    ]
 
 
 def _shape_over(values: FloatArray, left: FloatArray) -> tuple[float, FloatArray]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effects_common import per_view
-from arl_fixtures.reconcile.estimated_noise import group_median
+from arl_fixtures.reconcile.estimated_noise import group_median, group_quantiles
 from arl_fixtures.reconcile.problem import Problem
 
 FAR_ALONE = 5.0
@@ -40,7 +40,7 @@ def distance_alone(z: FloatArray, kinds: Iterable[IntArray], rows_beside: Iterab
         return alone
     for code in kinds:
         count = np.bincount(code)
-        middle = group_median(code, z, len(count))
+        middle = common_part(code, z, len(count))
         spread = 1.4826 * group_median(code, np.abs(z - middle[code]), len(count))
         told = (count >= FEWEST_KIN) & (np.abs(middle) * np.sqrt(count) > TOLD * np.maximum(spread, 1.0))
         own = code[far]
@@ -50,6 +50,16 @@ def distance_alone(z: FloatArray, kinds: Iterable[IntArray], rows_beside: Iterab
         between = _between(z, order)[far]
         alone[far] = np.minimum(alone[far], np.abs(z[far] - between))
     return alone
+
+
+def common_part(code: IntArray, z: FloatArray, count: int) -> FloatArray:
+    """What the rows of each group are off in common, (count,): their median, but nil where not nearly all are.
+
+    A burst of wild readings may fill more than half of an image; what an image shares it shares with nearly all rows.
+    """
+    low, middle, high = group_quantiles(code, z, count, (0.2, 0.5, 0.8))
+    least = np.where(middle > 0.0, low, -high)
+    return np.where((np.abs(middle) > FAR_ALONE) & (least < 0.5 * np.abs(middle)), 0.0, middle)
 
 
 def _between(z: FloatArray, order: IntArray) -> FloatArray:

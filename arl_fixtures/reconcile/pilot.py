@@ -13,9 +13,9 @@ import numpy as np
 from arl_fixtures.reconcile.boosting import Binned, Ceiling, bin_columns, ceiling
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
-from arl_fixtures.reconcile.estimated_noise import estimated_error, group_median, noise_quantities
+from arl_fixtures.reconcile.estimated_noise import estimated_error, noise_quantities
 from arl_fixtures.reconcile.features import features_of
-from arl_fixtures.reconcile.lonely import FAR_ALONE, MOST_ALONE, distance_alone, kin_of
+from arl_fixtures.reconcile.lonely import FAR_ALONE, MOST_ALONE, common_part, distance_alone, kin_of
 from arl_fixtures.reconcile.problem import ChannelData, Problem
 from arl_fixtures.reconcile.roles import BEARING_SIGNS, PIXEL, Role
 
@@ -145,7 +145,7 @@ class Looker:
         for level in data.levels:
             count = np.bincount(level.code, minlength=level.count)
             if np.median(count[count > 0]) >= 4:
-                z = z - group_median(level.code, z, level.count)[level.code]
+                z = z - common_part(level.code, z, level.count)[level.code]
         spread = 1.4826 * float(np.median(np.abs(z)))
         data.spread = max(spread, 1.0) if data.stated_known else max(spread, 0.05)
         if len(data.dark):

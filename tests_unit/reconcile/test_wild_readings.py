@@ -5,7 +5,7 @@ import pyarrow as pa
 import pytest
 
 from arl_fixtures.reconcile.catalogue import library
-from arl_fixtures.reconcile.lonely import distance_alone
+from arl_fixtures.reconcile.lonely import common_part, distance_alone
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.reconcile import diagnose
@@ -70,3 +70,16 @@ def test_rows_of_a_kind_and_neighbours_stand_by_a_far_one():
     z = rng.normal(size=600)
     z[pixel == 7] += 30.0  # a pixel in all steps
     assert np.max(distance_alone(z, [pixel], [order])[pixel == 7]) < 5.0
+
+
+def test_what_an_image_shares_it_shares_with_nearly_all_of_its_rows():
+    rng = np.random.default_rng(8)
+    z, image = rng.normal(size=90), np.repeat(np.arange(10), 9)
+    z[image == 3] += 30.0  # the image
+    z[np.flatnonzero(image == 6)[:5]] = [578.0, 379.0, 717.0, 353.0, 875.0]  # a burst in another
+    shared = common_part(image, z, 10)
+    assert shared[3] == pytest.approx(30.0, abs=1.0)
+    assert shared[6] == 0.0
+    alone = distance_alone(z, [image], [])
+    assert alone[image == 3].max() < 5.0
+    assert alone[np.flatnonzero(image == 6)[:5]].min() > 300.0
