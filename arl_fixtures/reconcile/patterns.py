@@ -247,9 +247,11 @@ def find_scatter(problem: Problem, effects: Sequence[Effect], state: State) -> l
     """Group scatter that the table's declarations do not cover, the strongest first."""
     found = []
     for effect in effects:
-        if effect.kind is not Kind.GROUP_SCATTER:
+        if effect.kind is not Kind.GROUP_SCATTER and not effect.common:
             continue
         for variant in effect.variants(problem.view):
+            if "group" not in variant.options:
+                continue
             name, group = str(variant.options.get("channel", "")), str(variant.options.get("group", "step"))
             data = next((d for d in problem.data if d.channel.name == name), None)
             if data is None:
@@ -257,7 +259,7 @@ def find_scatter(problem: Problem, effects: Sequence[Effect], state: State) -> l
             made = _scatter_of(problem, effect, variant, data, group, state)
             if made is not None:
                 found.append(made)
-    return sorted(found, key=lambda s: -s.gain)
+    return sorted(found, key=lambda s: (-round(s.gain, 6), not s.term.effect.common))
 
 
 def _scatter_of(
@@ -278,13 +280,16 @@ def _scatter_of(
     alone = data.stated * data.spread
     small = size < float(np.median(alone * np.sqrt(np.maximum(problem.view.frames()[data.use], 1.0))))
     driver = condition_of(problem, data, group, state, strict=small and not declared)
-    if not declared and small and not driver:
+    if effect.common:  # of single frames, each of one pulse: nothing else needs to be said of what they share
+        driver = ""
+    elif not declared and small and not driver:
         return None
     # a share of the signal shows where that is strong
-    if not level.declared and float(np.quantile(tau * level.scale / alone, 0.9)) < LEAST_SHARED:
+    if not effect.common and not level.declared and float(np.quantile(tau * level.scale / alone, 0.9)) < LEAST_SHARED:
         return None
     amplitude = next(p for p in variant.parameters if p.is_amplitude)
-    extra = float(np.sqrt(max(tau**2 - level.floor**2, 0.0))) * float(np.median(level.scale))
+    unit = 1.0 if effect.common else float(np.median(level.scale))  # of a share, or in counts
+    extra = float(np.sqrt(max(tau**2 - level.floor**2, 0.0))) * unit
     term = Term(effect=effect, variant=variant, values={**default_values(variant), amplitude.name: extra})
     return Scatter(
         term=term, channel=data.channel.name, level=group, gain=gain, value=extra,

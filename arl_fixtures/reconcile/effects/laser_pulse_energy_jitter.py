@@ -10,9 +10,15 @@ from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import amplitude, signals
 from arl_fixtures.reconcile.view import View
 
+_NUMBERS = ("frame", "shot", "pulse", "frame_number", "shot_number", "pulse_number", "frame_index", "shot_index")
+"""Columns that number single frames."""
+
 
 class PulseEnergyJitter(Effect):
-    """σ_I² += (jitter · I)²: the pulse's energy scatters, so every pixel scatters in proportion to its signal."""
+    """σ_I² += (jitter · I)²: the pulse's energy scatters, so every pixel scatters in proportion to its signal.
+
+    Where rows are single frames nothing tells their scatter, but all rows of a frame are off together ("pulses").
+    """
 
     id = "laser.pulse_energy_jitter"
     stage = Stage.LASER
@@ -21,7 +27,7 @@ class PulseEnergyJitter(Effect):
     confusable = ("readout.noise_excess", "bench.repeatability")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """One per intensity whose scatter was measured."""
+        """One per intensity whose scatter was measured, or of which every frame is told apart."""
         known = {channel.name for channel in view.columns.channels}
         for channel in signals(view):
             if f"{channel}_std" in known:
@@ -32,16 +38,31 @@ class PulseEnergyJitter(Effect):
                     channels=(f"{channel}_std",),
                     drivers=(f"sim_{channel}",),
                 )
+                continue
+            number = next((name for name in _NUMBERS if view.varies(name)), "")
+            if number and (not view.has("n_frames") or view.middle("n_frames") <= 1.0):
+                yield Variant(
+                    effect=self.id,
+                    options={"channel": channel, "group": "frame"},
+                    parameters=(amplitude("jitter", "1", 0.0, 0.5, 0.01),),
+                    channels=(channel,),
+                    drivers=tuple(name for name in ("frame", "time_s") if view.varies(name))[:1]
+                    or (f"sim_{channel}",),
+                )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Widens the scatter in proportion to the light."""
         channel = str(variant.options["channel"])
+        if "group" in variant.options:
+            return  # no mean moves
         light = np.nan_to_num(state[channel])
         state[f"{channel}_std"] = np.sqrt(state[f"{channel}_std"] ** 2 + (float(values["jitter"]) * light) ** 2)
 
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel = variant.options["channel"]
+        if "group" in variant.options:
+            return f"{channel} *= 1 + one random value for every frame, of standard deviation jitter"
         return f"{channel}_std^2 += (jitter * {channel})^2"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
