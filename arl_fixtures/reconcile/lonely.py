@@ -7,7 +7,8 @@ neighbours in the image or in the sweep, to the rest of the frame. Wild readings
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,27 +27,36 @@ TOLD = 3.75
 """Size of a median, in scatters of one row over the root of their number, from which rows of a kind are off."""
 
 
-def distance_alone(z: FloatArray, kinds: Iterable[IntArray], rows_beside: Iterable[IntArray]) -> FloatArray:
-    """How far each row is off from what its kin are off, in standard errors: |z| where these are not.
+@dataclass(frozen=True, slots=True)
+class Kin:
+    """Which rows stand by each other.
 
-    Args:
-        z: residuals in standard errors.
-        kinds: codes of rows of a kind (a pixel, a frame), 0…k−1 each.
-        rows_beside: orders of the rows along a line (of the image, of the sweep).
+    Attributes:
+        kinds: codes of rows of a kind (a pixel), 0…k−1 each, most of which are off with one that an effect moves.
+        images: codes of rows that were taken together (an image, a step), of which nearly all are.
+        lines: orders of the rows along a line (of the image, of the sweep).
     """
+
+    kinds: Sequence[IntArray] = ()
+    images: Sequence[IntArray] = ()
+    lines: Sequence[IntArray] = ()
+
+
+def distance_alone(z: FloatArray, kin: Kin) -> FloatArray:
+    """How far each row is off from what its kin are off, both in standard errors: |z| where these are not."""
     alone = np.abs(z)
     far = np.flatnonzero(alone > FAR_ALONE)
     if not far.size:
         return alone
-    for code in kinds:
+    for code, image in [*((code, False) for code in kin.kinds), *((code, True) for code in kin.images)]:
         count = np.bincount(code)
-        middle = common_part(code, z, len(count))
+        middle = (common_part if image else group_median)(code, z, len(count))
         spread = 1.4826 * group_median(code, np.abs(z - middle[code]), len(count))
         told = (count >= FEWEST_KIN) & (np.abs(middle) * np.sqrt(count) > TOLD * np.maximum(spread, 1.0))
         own = code[far]
         off = np.abs(z[far] - middle[own]) / np.maximum(spread[own], 1.0)
         alone[far] = np.where(told[own], np.minimum(alone[far], off), alone[far])
-    for order in rows_beside:
+    for order in kin.lines:
         between = _between(z, order)[far]
         alone[far] = np.minimum(alone[far], np.abs(z[far] - between))
     return alone
@@ -84,26 +94,29 @@ _LINES = (
 """Columns that order the rows of a step along a line, the last of which runs fastest."""
 
 
-def kin_of(problem: Problem, use: IntArray) -> tuple[list[IntArray], list[IntArray]]:
-    """Codes of rows of a kind, and orders of rows along a line, of a channel's rows, for `distance_alone`."""
+def kin_of(problem: Problem, use: IntArray) -> Kin:
+    """Kin of a channel's rows."""
 
-    def make() -> tuple[list[IntArray], list[IntArray]]:
+    def make() -> Kin:
         rows, groups, numbers = problem.view.rows[use], problem.groups, problem.columns.numbers
         codes = {
-            name: code[rows]
+            name: np.unique(code[rows], return_inverse=True)[1].astype(np.int64)
             for name in ("pixel", "angle", "frame", "step")
             if (code := getattr(groups, name)) is not None
         }
-        kinds = list(codes.values())
-        if "pixel" in codes and "angle" in codes:
-            kinds.append(codes["pixel"] * (int(codes["angle"].max()) + 1) + codes["angle"])
-        kinds = [np.unique(code, return_inverse=True)[1].astype(np.int64) for code in kinds]
+        kinds = [codes[name] for name in ("pixel", "angle") if name in codes]
+        if len(kinds) == 2:
+            both = kinds[0] * (int(kinds[1].max()) + 1) + kinds[1]
+            kinds.append(np.unique(both, return_inverse=True)[1].astype(np.int64))
         unit, step = groups.unit[rows], groups.step[rows]
         lines = [
             [step, unit, *(numbers[n][rows] for n in line)] for line in _LINES if all(n in numbers for n in line)
         ]
         if "pixel" in codes:
             lines.append([codes["pixel"], codes.get("angle", unit), step])
-        return kinds, [np.lexsort(tuple(reversed(keys))).astype(np.int64) for keys in lines]
+        return Kin(
+            kinds=kinds, images=[codes[name] for name in ("frame", "step") if name in codes],
+            lines=[np.lexsort(tuple(reversed(keys))).astype(np.int64) for keys in lines],
+        )  # fmt: skip
 
     return per_view(problem.view, ("kin", use.size, int(use.sum())), make)

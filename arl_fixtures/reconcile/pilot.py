@@ -13,7 +13,7 @@ import numpy as np
 from arl_fixtures.reconcile.boosting import Binned, Ceiling, bin_columns, ceiling
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
-from arl_fixtures.reconcile.estimated_noise import estimated_error, noise_quantities
+from arl_fixtures.reconcile.estimated_noise import estimated_error, group_median, noise_quantities
 from arl_fixtures.reconcile.features import features_of
 from arl_fixtures.reconcile.lonely import FAR_ALONE, MOST_ALONE, common_part, distance_alone, kin_of
 from arl_fixtures.reconcile.problem import ChannelData, Problem
@@ -145,13 +145,14 @@ class Looker:
         for level in data.levels:
             count = np.bincount(level.code, minlength=level.count)
             if np.median(count[count > 0]) >= 4:
-                z = z - common_part(level.code, z, level.count)[level.code]
+                part = group_median if level.name in {"pixel", "angle"} else common_part
+                z = z - part(level.code, z, level.count)[level.code]
         spread = 1.4826 * float(np.median(np.abs(z)))
         data.spread = max(spread, 1.0) if data.stated_known else max(spread, 0.05)
         if len(data.dark):
             z = np.where(data.dark, 0.0, z)
         beyond = np.abs(z) / data.spread
-        alone = distance_alone(z / data.spread, *kin_of(self.problem, data.use))
+        alone = distance_alone(z / data.spread, kin_of(self.problem, data.use))
         wild = alone > FAR_ALONE
         if np.mean(wild) > MOST_ALONE:
             wild = np.zeros_like(wild)

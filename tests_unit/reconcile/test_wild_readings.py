@@ -5,7 +5,7 @@ import pyarrow as pa
 import pytest
 
 from arl_fixtures.reconcile.catalogue import library
-from arl_fixtures.reconcile.lonely import common_part, distance_alone
+from arl_fixtures.reconcile.lonely import Kin, common_part, distance_alone
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.reconcile import diagnose
@@ -61,15 +61,15 @@ def test_rows_of_a_kind_and_neighbours_stand_by_a_far_one():
     rng = np.random.default_rng(3)
     z, pixel, order = rng.normal(size=600), np.arange(600) % 20, np.arange(600)
     z[40] = 30.0
-    alone = distance_alone(z, [pixel], [order])
+    alone = distance_alone(z, Kin(kinds=[pixel], lines=[order]))
     assert alone[40] > 25.0
     z[38:43] = 28.0  # a burst
-    assert distance_alone(z, [pixel], [order])[40] > 25.0
+    assert distance_alone(z, Kin(kinds=[pixel], lines=[order]))[40] > 25.0
     z[36:45] = 29.0  # a spot in the image
-    assert distance_alone(z, [pixel], [order])[40] < 5.0
+    assert distance_alone(z, Kin(kinds=[pixel], lines=[order]))[40] < 5.0
     z = rng.normal(size=600)
     z[pixel == 7] += 30.0  # a pixel in all steps
-    assert np.max(distance_alone(z, [pixel], [order])[pixel == 7]) < 5.0
+    assert np.max(distance_alone(z, Kin(kinds=[pixel], lines=[order]))[pixel == 7]) < 5.0
 
 
 def test_what_an_image_shares_it_shares_with_nearly_all_of_its_rows():
@@ -80,6 +80,6 @@ def test_what_an_image_shares_it_shares_with_nearly_all_of_its_rows():
     shared = common_part(image, z, 10)
     assert shared[3] == pytest.approx(30.0, abs=1.0)
     assert shared[6] == 0.0
-    alone = distance_alone(z, [image], [])
+    alone = distance_alone(z, Kin(images=[image]))
     assert alone[image == 3].max() < 5.0
     assert alone[np.flatnonzero(image == 6)[:5]].min() > 300.0
