@@ -92,15 +92,22 @@ def of_unseen(decision: Decision, constants: Mapping[str, Mapping[str, float]]) 
     """Units that a comparison has seen, and the gain or offset that another one is foretold to have.
 
     What all units need beside a finding (a walk has its zero at some signal) another one needs as well: their mean,
-    less the share of it that their scatter may be.
+    less the share of it that their scatter may be. Of a single unit nothing tells its own share: it is taken for the
+    law's zero as far as the finding moves some rows by as much.
     """
     problem = decision.problem
+    state, untouched = decision.final_state(), problem.view.fresh_state()
     code, keys = unit_keys(problem.view, problem.groups.unit_columns)
     seen = [keys[k] for k in np.unique(code)]
     unseen: dict[str, float] = {}
     for channel, found in constants.items():
         values = np.array([found.get(key, 0.0) for key in seen])
         mean = float(values.mean())
+        if len(values) == 1 and mean != 0.0:
+            d = next(d for d in problem.data if d.channel.name == channel)
+            change = (d.residual(untouched) - d.residual(state)) / d.scale
+            reach = float(np.quantile(np.abs(change), 0.99))
+            unseen[channel] = float(np.clip(mean, -reach, reach))
         if len(values) > 1 and mean != 0.0:
             error = float(values.std(ddof=1)) / np.sqrt(len(values))
             value = mean * max(1.0 - (error / mean) ** 2, 0.0)
