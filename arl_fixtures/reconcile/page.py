@@ -143,7 +143,7 @@ class _Maker:
             rows += (
                 f"; the pictures show {words.counted(self.shown.problem.view.n)} others)" if self.shown.fresh else ")"
             )
-        made = [("Rows", rows)]
+        made = [("Rows", rows), *_rays(columns)]
         for d in problem.data:
             noise = "" if d.stated_known else "; the simulation states no noise, it was estimated"
             wider = f"; rows scatter {d.spread:.2g} times as much as stated" if d.spread > 1.15 else ""
@@ -245,6 +245,18 @@ def _part(d: ChannelData, state: State, fold: int, *, centred: bool = False) -> 
         residual = residual - d.scale * d.constants(residual)[d.unit]
     here = d.fold == fold
     return float(np.sum((d.trust * (residual / d.stated) ** 2)[here]) / max(float(np.sum(d.trust[here])), 1e-12))
+
+
+def _rays(columns: Columns) -> list[tuple[str, str]]:
+    """Where the directions of pixels come from that the table does not give."""
+    if not columns.derived:
+        return []
+    if not columns.lens:
+        return [("Rays", "not all in the table; those of the nominal camera")]
+    pitch = float(np.degrees(1.0 / columns.lens["fx"]))
+    return [
+        ("Rays", f"not in the table; its sweep shows {pitch:.3g}° from pixel to pixel in the middle of the image")
+    ]
 
 
 def _held_back(d: ChannelData) -> str:
