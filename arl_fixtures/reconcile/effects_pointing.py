@@ -65,9 +65,14 @@ def _turned(
     """
     if not np.any(turn) or not view.varies("pixel_u") or not view.varies("azimuth_deg"):
         return _look(found, line, bearing + turn)
-    near = _NEAR * pixel_width(view)[view.rows]
+    near = per_view(view, "near", lambda: _NEAR * pixel_width(view)[view.rows])
     part = np.clip(turn / np.maximum(near, 1e-9), -1.0, 1.0)
-    here, left, right = (_look(found, line, bearing + way * near) for way in (0.0, -1.0, 1.0))
+
+    def about() -> list[dict[str, FloatArray]]:
+        return [_look(found, line, bearing + way * near) for way in (0.0, -1.0, 1.0)]
+
+    own = line is per_view(view, "scene place", lambda: (line, bearing))[0]  # the same in every trial of a fit
+    here, left, right = per_view(view, "seen about", about) if own else about()
     far = np.abs(turn) > near
     beyond = _look(found, line, bearing + turn) if np.any(far) else here
     seen = {}
