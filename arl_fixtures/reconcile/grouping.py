@@ -23,6 +23,7 @@ WITHIN_IMAGES = (PATCHES, RUNS)
 """Blocks that take a part of each image."""
 BLOCKS_WITHOUT_STEPS = 16
 FEWEST_BLOCKS = 5
+ROWS_OF_A_CURVE, FEWEST_CURVES = 8.0, 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,6 +39,7 @@ class Groups:
         block: unit of holding out: steps, or blocks of neighbouring conditions.
         block_name: what a block is, for the report.
         unit_columns: columns that make the unit.
+        of_curves: a step is a part of a swept quantity in several curves over it: no state of the bench to share.
     """
 
     unit: IntArray
@@ -48,6 +50,7 @@ class Groups:
     block: IntArray
     block_name: str
     unit_columns: tuple[str, ...]
+    of_curves: bool = False
 
     @property
     def unseen_alike(self) -> IntArray | None:
@@ -73,7 +76,7 @@ def find_groups(table: Columns) -> Groups:
     device = table.group(*(n for n in unit_columns if n.startswith(DEVICE_WORDS)))
     step = _dense(device, table.group(*step_columns)) if step_columns else unit
     name = f"levels of {visits[0]}" if visits else "temperature steps"
-    repeated = None
+    repeated, of_curves = None, False
     angle = _dense(unit, table.codes_of("stage_angle_deg")) if _few(table, "stage_angle_deg") else None
     if not step_columns:
         swept = swept_column(table)
@@ -82,7 +85,8 @@ def find_groups(table: Columns) -> Groups:
         elif swept:
             step = _dense(device, _blocks_along(table.numbers[swept]))
             name = f"blocks of neighbouring {swept}"
-            repeated = _dense(step, table.codes_of(swept))  # rows that are equal to the last digit
+            of_curves = swept != "time_s" and _curves_over(table, swept)
+            repeated = None if of_curves else _dense(step, table.codes_of(swept))  # equal to the last digit
     frame = _dense(step, angle) if angle is not None else repeated
     if len(table.image_columns) > len(IMAGE_COLUMNS):
         frame = _dense(step, table.group(*table.image_columns))
@@ -99,7 +103,7 @@ def find_groups(table: Columns) -> Groups:
         block, name = _last_resort(table, unit)
     return Groups(
         unit=unit, step=step, frame=frame, pixel=pixel, angle=angle, block=block, block_name=name,
-        unit_columns=unit_columns,
+        unit_columns=unit_columns, of_curves=of_curves,
     )  # fmt: skip
 
 
@@ -119,6 +123,22 @@ def swept_column(table: Columns) -> str:
         if distinct * (100 if smooth and distinct > 7 else 1) > most:
             best, most = name, distinct * (100 if smooth else 1)
     return best
+
+
+def _curves_over(table: Columns, swept: str) -> bool:
+    """Whether other quantities, of few values each, tell curves over a swept one apart.
+
+    What rows at a current have in common at every temperature is what the current does, not an error of that moment.
+    """
+    taken = {c.name for c in table.channels}
+    others = [
+        name for name, x in sorted(table.numbers.items())
+        if name not in (swept, "n_frames", *unit_columns_of(table)) and not name.startswith(("sim_", "pixel_"))
+        and name not in taken and name.removesuffix("_std") not in taken
+        and not name.endswith("_counts") and 1 < len(np.unique(x)) <= table.n / ROWS_OF_A_CURVE
+    ]  # fmt: skip
+    count = np.bincount(table.group(*others))
+    return len(count) >= FEWEST_CURVES and float(np.median(count)) >= ROWS_OF_A_CURVE
 
 
 def unit_columns_of(table: Columns) -> tuple[str, ...]:

@@ -15,12 +15,15 @@ import numpy as np
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effects_common import per_view
 from arl_fixtures.reconcile.estimated_noise import group_median, group_quantiles
+from arl_fixtures.reconcile.grouping import ROWS_OF_A_CURVE
 from arl_fixtures.reconcile.problem import Problem
 
 FAR_ALONE = 5.0
 """Standard errors from which a row is wild if nothing beside it is off: one of two million Gaussian ones."""
 MOST_ALONE = 0.01
 """Share of rows above which far ones are no wild readings, but what the noise or an effect does."""
+MOST_LINES = 8
+"""Other columns that rows of a table without pixels, stage and times may be ordered by."""
 FEWEST_KIN = 3
 """Rows of a kind whose median one of them does not set."""
 TOLD = 3.75
@@ -85,6 +88,26 @@ def _between(z: FloatArray, order: IntArray) -> FloatArray:
     return result
 
 
+def scatter_beside(z: FloatArray, kin: Kin) -> float:
+    """Robust scatter of rows about the two next to them on a line, on the line where it is least.
+
+    What a model lacks changes little from row to row along some line; noise does not know where rows stand.
+    """
+    off = [float(np.median(np.abs(z[o][1:-1] - 0.5 * (z[o][2:] + z[o][:-2])))) for o in kin.lines if len(o) > 2]
+    return min((1.4826 / np.sqrt(1.5) * each for each in off), default=np.inf)
+
+
+def distance_beside(z: FloatArray, kin: Kin) -> FloatArray:
+    """How far each row is off from the middle of what lies on both its sides, on the line where that is least."""
+    off, none = np.abs(z), np.zeros(4)
+    for order in kin.lines:
+        line = np.concatenate([none, z[order], none])
+        before = np.median([line[k : len(line) - 8 + k] for k in range(4)], axis=0)
+        after = np.median([line[k : len(line) - 8 + k] for k in range(5, 9)], axis=0)
+        off[order] = np.minimum(off[order], np.abs(z[order] - 0.5 * (before + after)))
+    return off
+
+
 _LINES = (
     ("stage_angle_deg", "pixel_v", "pixel_u"),
     ("stage_angle_deg", "pixel_u", "pixel_v"),
@@ -92,6 +115,14 @@ _LINES = (
     ("time_s",),
 )
 """Columns that order the rows of a step along a line, the last of which runs fastest."""
+
+
+def _curves(problem: Problem, rows: IntArray) -> list[list[FloatArray]]:
+    """Columns that order the rows of a table without images along curves: one last, those of few values before it."""
+    numbers = {name: problem.columns.numbers[name][rows] for name in problem.view.covariates()}
+    few = [name for name, x in numbers.items() if len(np.unique(x)) <= len(x) / ROWS_OF_A_CURVE]
+    ordered = [name for name in numbers if (name,) not in _LINES][:MOST_LINES]
+    return [[*(numbers[n] for n in few if n != name), numbers[name]] for name in ordered]
 
 
 def kin_of(problem: Problem, use: IntArray) -> Kin:
@@ -112,6 +143,8 @@ def kin_of(problem: Problem, use: IntArray) -> Kin:
         lines = [
             [step, unit, *(numbers[n][rows] for n in line)] for line in _LINES if all(n in numbers for n in line)
         ]
+        if groups.of_curves:
+            lines += [[unit, *line] for line in _curves(problem, rows)]
         if "pixel" in codes:
             lines.append([codes["pixel"], codes.get("angle", unit), step])
         return Kin(

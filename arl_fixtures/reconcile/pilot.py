@@ -15,7 +15,15 @@ from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.estimated_noise import estimated_error, group_median, noise_quantities
 from arl_fixtures.reconcile.features import features_of
-from arl_fixtures.reconcile.lonely import FAR_ALONE, MOST_ALONE, common_part, distance_alone, kin_of
+from arl_fixtures.reconcile.lonely import (
+    FAR_ALONE,
+    MOST_ALONE,
+    common_part,
+    distance_alone,
+    distance_beside,
+    kin_of,
+    scatter_beside,
+)
 from arl_fixtures.reconcile.problem import ChannelData, Problem
 from arl_fixtures.reconcile.roles import BEARING_SIGNS, PIXEL, Role
 
@@ -23,6 +31,8 @@ MOST_ROWS = 12_000
 TAIL_Z = 2.5
 FAR_Z = 20.0
 """Standard errors beyond which a row is no tail of any noise: it counts the less, the farther it lies."""
+MISFIT = 2.0
+"""Scatter about what the model leaves, in that of rows about those beside them, from which it is the model's."""
 TAIL_SPREAD = 1.1
 """Scatter of a standard deviation, in Gaussian ones, from which its frames have heavy tails."""
 TAIL_DEFICIT = 3.0
@@ -151,12 +161,18 @@ class Looker:
         data.spread = max(spread, 1.0) if data.stated_known else max(spread, 0.05)
         if len(data.dark):
             z = np.where(data.dark, 0.0, z)
-        beyond = np.abs(z) / data.spread
-        alone = distance_alone(z / data.spread, kin_of(self.problem, data.use))
+        kin = kin_of(self.problem, data.use)
+        asked = self.problem.groups.of_curves and data.stated_known and data.spread > MISFIT
+        beside = scatter_beside(z, kin) if asked else np.inf
+        lacks = beside < data.spread / MISFIT
+        if lacks:
+            data.spread = max(beside, 1.0)
+        alone = distance_alone(z / data.spread, kin)
         wild = alone > FAR_ALONE
         if np.mean(wild) > MOST_ALONE:
             wild = np.zeros_like(wild)
         data.trust = np.where(wild, (TAIL_Z / np.maximum(alone, TAIL_Z)) ** 2, 1.0)
+        beyond = np.minimum(alone, distance_beside(z / data.spread, kin)) if lacks else np.abs(z) / data.spread
         beyond = np.where(wild, 0.0, beyond)
         if np.mean(beyond > 4.0) > TAIL_SHARE:
             far = np.minimum(1.0, FAR_Z / np.maximum(beyond, 1e-9))

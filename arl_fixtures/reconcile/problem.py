@@ -327,7 +327,7 @@ class Problem:
             if declared is not None and np.all(declared[rows] == 0.0):
                 step_scale, stated_shared = unnoticed(scale, stated, groups.step[rows]), True
         made = level_of("step", groups.step[rows], step_scale, floor=floor, fewest=1, declared=stated_shared)
-        if made is not None:
+        if made is not None and not groups.of_curves:
             levels.append(made)
         expect = np.ones(len(use))
         if channel.role is Role.SCATTER:

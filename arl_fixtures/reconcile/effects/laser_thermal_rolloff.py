@@ -26,6 +26,7 @@ from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.view import View
 
 _FEWEST_STEPS = 5
+_CURVES = ("curve", "junction")
 
 
 class ThermalRolloff(LightFactor):
@@ -37,6 +38,8 @@ class ThermalRolloff(LightFactor):
     * curve (where a drive current varies): I(J) = exp(−loss·ΔT) · I_sim(J − threshold_shift·ΔT).
     * own heat (likewise): the same with h = (J / J_top)^exponent for ΔT, what the laser turns into heat at a current;
       a diode's voltage falls with its junction's temperature, by voltage_drop·h.
+    * junction (where both vary): the curve with θ = ΔT + heating·(J / J_top)^exponent for ΔT, and a threshold that
+      grows exponentially, threshold_shift·(exp(growth·θ) − 1) / growth.
     """
 
     id = "laser.thermal_rolloff"
@@ -63,6 +66,15 @@ class ThermalRolloff(LightFactor):
                     origin = shape("reference", "°C", low, high, low, reference(view, column))
                     kind: dict[str, Option] = {"kind": "curve", "temperature": column, "current": currents[0]}
                     yield self._variant(view, channel, kind, (shift, loss, origin), (column, currents[0]))
+                    heating = shape("heating", "K", 0.0, 4.0 * wide, 0.2 * wide, wide)
+                    power, growth = (
+                        shape("exponent", "1", 0.7, 3.0, 1.5),
+                        shape("growth", "1/K", 0.0, 4.0 / wide, 0.5 / wide),
+                    )
+                    kind = {**kind, "kind": "junction", "top": view.span(currents[0])[1]}
+                    yield self._variant(
+                        view, channel, kind, (shift, loss, heating, power, growth, origin), (column, currents[0])
+                    )
                 plain: dict[str, Option] = {
                     "kind": "slope",
                     "temperature": column,
@@ -118,8 +130,8 @@ class ThermalRolloff(LightFactor):
             return np.exp(-np.minimum(float(values["slope"]) * warm, 20.0))
         if variant.options["kind"] == "own heat":
             return np.exp(-float(values["loss"]) * _own_heat(variant, values, view))
-        if variant.options["kind"] == "curve":
-            warm = np.nan_to_num(view.number(column) - float(values["reference"]))
+        if variant.options["kind"] in _CURVES:
+            warm = _warmth(variant, values, view)
             return np.exp(np.clip(-float(values["loss"]) * warm, -20.0, 20.0))
         growth = max(float(values["growth"]), 1e-9)
         warmth = np.expm1(growth * excess(view, variant, column)) / growth
@@ -129,10 +141,10 @@ class ThermalRolloff(LightFactor):
         """Shifts the light-current curve where there is one, then multiplies the light."""
         channel = str(variant.options["channel"])
         light = state[channel]
-        if variant.options["kind"] == "curve":
-            current, column = str(variant.options["current"]), str(variant.options["temperature"])
+        if variant.options["kind"] in _CURVES:
+            current = str(variant.options["current"])
             drive = view.number(current)
-            shift = values["threshold_shift"] * np.nan_to_num(view.number(column) - values["reference"])
+            shift = values["threshold_shift"] * _grown(variant, values, view)
             knots, curve = light_current(view, channel, current)
             moved = continued(drive - shift, knots, curve) - continued(drive, knots, curve)
             light = light + np.nan_to_num(moved)
@@ -159,6 +171,11 @@ class ThermalRolloff(LightFactor):
             current = variant.options["current"]
             warm = f"({column} - reference)"
             return f"{channel}({current}) = exp(-loss * {warm}) * sim_{channel}({current} - threshold_shift * {warm})"
+        if variant.options["kind"] == "junction":
+            current = variant.options["current"]
+            warm = f"w = {column} - reference + heating * ({current} / {variant.options['top']})^exponent"
+            moved = f"sim_{channel}({current} - threshold_shift * (exp(growth * w) - 1) / growth)"
+            return f"{channel}({current}) = exp(-loss * w) * {moved}, {warm}"
         origin = variant.options["reference"]
         return f"{channel} *= 1 - slope * (exp(growth * ({column} - {origin})) - 1) / growth"
 
@@ -172,12 +189,16 @@ class ThermalRolloff(LightFactor):
                 f"higher and its slope is {lost:.1f} % less."
             )
         low, high = view.span(column)
-        if variant.options["kind"] == "curve":
+        if variant.options["kind"] in _CURVES:
             shift = float(values["threshold_shift"]) * 1e3
             steeper = float(np.expm1(-float(values["loss"]) * (high - low))) * 100.0
+            heating = ""
+            if variant.options["kind"] == "junction":
+                top = float(variant.options["top"])
+                heating = f" At {top:g} A its junction is {float(values['heating']):.0f} K warmer than that."
             return (
                 f"The laser's threshold current rises by {shift:.2f} mA per kelvin of {column}; the slope above it "
-                f"changes by {steeper:+.1f} % from {low:.0f} to {high:.0f} °C."
+                f"changes by {steeper:+.1f} % from {low:.0f} to {high:.0f} °C.{heating}"
             )
         text = (
             f"The laser gives less light as it gets warmer: {percent(*self.change(variant, values, view))} "
@@ -208,6 +229,21 @@ def _warmest_knee(view: View, column: str) -> float:
     steps = np.unique(np.round(step_mean(View(view.columns), column), 2))
     steps = steps[np.isfinite(steps)]
     return float(steps[-3]) if steps.size >= _FEWEST_STEPS else view.span(column)[1]
+
+
+def _warmth(variant: Variant, values: Values, view: View) -> FloatArray:
+    """Kelvin above the temperature of the simulation's curve: of the heat sink, and of the junction above it."""
+    warm = np.nan_to_num(view.number(str(variant.options["temperature"])) - float(values["reference"]))
+    if variant.options["kind"] == "junction":
+        warm = warm + float(values["heating"]) * _own_heat(variant, values, view)
+    return np.asarray(warm)
+
+
+def _grown(variant: Variant, values: Values, view: View) -> FloatArray:
+    """Kelvin that move the threshold, where each moves it by more than the one before."""
+    warm = _warmth(variant, values, view)
+    growth = float(values.get("growth", 0.0))
+    return np.asarray(np.expm1(np.minimum(growth * warm, 20.0)) / growth) if growth > 1e-9 else warm
 
 
 def _own_heat(variant: Variant, values: Values, view: View) -> FloatArray:
