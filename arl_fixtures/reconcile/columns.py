@@ -183,7 +183,8 @@ def find_channels(names: set[str]) -> tuple[Channel, ...]:
     }  # fmt: skip
     scatters = {name for name in measured if name.endswith("_std") and f"sim_{name.removesuffix('_std')}" in names}
     roles = {name: role_of(name, measured) for name in sorted(measured - scatters)}
-    if all(role is Role.OTHER for role in roles.values()):
+    loaded = any("load" in name for name in names)  # a source of power has one, a reading of light none
+    if not loaded and all(role is Role.OTHER for role in roles.values()):
         roles = {name: Role.INTENSITY if may_be_light(name) else role for name, role in roles.items()}
     made = [Channel(name=name, role=role, unit=unit_of(name)) for name, role in roles.items()]
     made += [

@@ -120,3 +120,5 @@ def test_a_lone_voltage_is_how_light_was_read_and_beside_a_signal_it_is_not():
     assert {c.name: c.role for c in alone} == {"voltage_v": Role.INTENSITY, "rail_5v0_v": Role.OTHER}
     beside = find_channels({"voltage_v", "sim_voltage_v", "distance_m", "sim_distance_m"})
     assert {c.name: c.role for c in beside} == {"voltage_v": Role.OTHER, "distance_m": Role.DISTANCE}
+    loaded = find_channels({"voltage_v", "sim_voltage_v", "load_current_a"})
+    assert [c.role for c in loaded] == [Role.OTHER]

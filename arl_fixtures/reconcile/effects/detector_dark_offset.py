@@ -29,7 +29,7 @@ class DarkOffset(Effect):
 
     Without a temperature in the table the offset is constant. Where the bias of an avalanche detector is swept, also
     as what is multiplied with the light: the more, the nearer the bias V to breakdown, by (1 − V_top²/V_b²) /
-    (1 − V²/V_b²).
+    (1 − V²/V_b²). Where exposures vary, also in proportion to them.
     """
 
     id = "detector.dark_offset"
@@ -45,7 +45,10 @@ class DarkOffset(Effect):
             view, "tof_temperature_c", "fpga_temperature_c", "housing_temperature_c", limit=2, never=("laser_",)
         )
         bias = bias_column(view)
-        for channel, multiplied in itertools.product(signals(view), ("", bias) if bias else ("",)):
+        spent = exposure_column(view)
+        for channel, multiplied, exposure in itertools.product(
+            signals(view), ("", bias) if bias else ("",), ("", spent) if spent else ("",)
+        ):
             unit, top = unit_of(channel), top_signal(view, channel)
             for column in columns or ("",):
                 parameters = [amplitude("dark", unit, 0.0, 0.5 * top, 0.01 * top)]
@@ -56,6 +59,8 @@ class DarkOffset(Effect):
                 if multiplied:
                     parameters.append(breakdown(view, multiplied))
                     options |= {"bias": multiplied, "highest_bias": view.span(multiplied)[1]}
+                if exposure:
+                    options |= {"exposure": exposure, "longest": view.span(exposure)[1]}
                 shot, seen = noise_law(view, channel)[1], with_scatter(view, channel)
                 if len(seen) > 1:  # only a scatter that was measured can tell
                     start = shot if shot > 0.0 else 1e-3 * top
@@ -67,7 +72,10 @@ class DarkOffset(Effect):
                     options=options,
                     parameters=tuple(parameters),
                     channels=seen,
-                    drivers=(*((column,) if column else (f"sim_{channel}",)), *((multiplied,) if multiplied else ())),
+                    drivers=(
+                        column or exposure or f"sim_{channel}",
+                        *filter(None, (multiplied, column and exposure)),
+                    ),
                 )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
@@ -81,6 +89,8 @@ class DarkOffset(Effect):
             bias, at = view.number(str(variant.options["bias"])), float(values["breakdown"])
             most = multiplication(np.full(1, float(variant.options["highest_bias"])), at, _ORDER)
             added = added * multiplication(bias, at, _ORDER) / most
+        if "exposure" in variant.options:
+            added = added * view.number(str(variant.options["exposure"])) / float(variant.options["longest"])
         state[channel] = state[channel] + added
         scatter = f"{channel}_std"
         if scatter in state:
@@ -90,6 +100,10 @@ class DarkOffset(Effect):
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel, column = variant.options["channel"], variant.options["temperature"]
+        if "exposure" in variant.options:
+            grown = f" * 2^(({column} - {variant.options['highest']}) / doubling)" if column else ""
+            grown += f" * {variant.options['exposure']} / {variant.options['longest']}"
+            return f"{channel} += dark{grown}; {channel}_std^2 += shot * added"
         if "bias" in variant.options:
             grown = f" * 2^(({column} - {variant.options['highest']}) / doubling)" if column else ""
             gain = f"1 / (1 - ({variant.options['bias']} / breakdown)^2)"
@@ -119,6 +133,14 @@ class DarkOffset(Effect):
 
 _ORDER = 2.0
 """Of Miller's law for a dark signal, whose shape over the bias tells little beside the breakdown voltage."""
+
+
+def exposure_column(view: View) -> str:
+    """The varying column that tells for how long the detector gathered charge; none where none does."""
+    names = (
+        n for n in view.covariates() if any(word in n for word in ("exposure", "integration_time", "gate_width"))
+    )
+    return next((n for n in names if unit_of(n) in {"s", "ms", "us", "µs", "ns"}), "")
 
 
 def _highest(view: View, column: str) -> float:

@@ -20,14 +20,16 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
 )
 from arl_fixtures.reconcile.effects_surface import TOGETHER, light_share, surface_names, surfaces_of_a_kind
+from arl_fixtures.reconcile.effects_targets import before, rows_before, target_column
 from arl_fixtures.reconcile.pixel_calibration import calibrated_by_surface
 from arl_fixtures.reconcile.view import View
 
 
 class NonLambertian(LightFactor):
-    """I *= 1 + oblique·sin²a + lobe·max(cos 2a, 0)^sharpness, on all surfaces, on those of a kind or on one.
+    """I *= 1 + oblique·sin²a / cos(a)^(2·grazing) + lobe·max(cos 2a, 0)^sharpness.
 
-    `oblique` > 0 is a rough surface that stays bright when seen obliquely, `lobe` a gloss about normal incidence:
+    On all surfaces, on those of a kind or on one. `oblique` > 0 is a rough surface that stays bright when seen
+    obliquely (facets of small slopes make it tan²a: `grazing` 1), `lobe` a gloss about normal incidence:
     light comes back along its way, so the angle to the mirror direction is 2a. Where reflectances were fitted to the
     recording, the change is nil on each surface's average.
     """
@@ -49,28 +51,33 @@ class NonLambertian(LightFactor):
         for channel in signals(view):
             fitted = calibrated_by_surface(view.columns, channel)
             over: dict[str, Option] = {"fitted_over": _incidences(view)} if fitted else {}
-            for surface in ("", *surfaces_of_a_kind(view), *surface_names(view, 4)):
+            column, targets = target_column(view)
+            for surface in ("", *surfaces_of_a_kind(view), *surface_names(view, 4), *targets):
+                told: dict[str, Option] = {"column": column} if surface and column else {}
+                where = rows_before(column, surface) if told else {"surface": surface.split(TOGETHER)}
                 yield Variant(
                     effect=self.id,
-                    options={"channel": channel, "surface": surface, **over},
+                    options={"channel": channel, "surface": surface, **over, **told},
                     parameters=(
                         amplitude("oblique", "1", -2.0, 5.0, 0.1),
                         amplitude("lobe", "1", -0.5, 5.0, 0.05),
                         shape("sharpness", "1", 1.0, 200.0, 12.0),
+                        shape("grazing", "1", 0.0, 1.0, 0.0, 1.0),
                     ),
                     channels=light_channels(view, channel),
                     drivers=drivers[:1] if view.varies("incidence_deg") else drivers,
-                    where={"surface": surface.split(TOGETHER)} if surface else {},
+                    where=where if surface else {},
                 )
 
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Reflectance against Lambert's law."""
-        sine, mirror = per_view(view, "incidence terms", lambda: _terms(view))
-        bright = _excess(values, sine, mirror)
+        bright = _excess(values, *per_view(view, "incidence terms", lambda: _terms(view)))
         if "fitted_over" in variant.options:
             bright = bright - self._mean_on_surfaces(variant, values, view)
         surface = str(variant.options["surface"])
-        if surface:
+        if "column" in variant.options:
+            bright = bright * before(view, str(variant.options["column"]), surface)
+        elif surface:
             channel = str(variant.options["channel"])
             bright = bright * sum(light_share(view, channel, name) for name in surface.split(TOGETHER))
         return np.maximum(1.0 + bright, 0.02)
@@ -91,7 +98,7 @@ class NonLambertian(LightFactor):
         """The law."""
         on = f" on {_listed(variant)}" if variant.options["surface"] else ""
         return (
-            f"{variant.options['channel']} *= 1 + oblique * sin(incidence_deg)^2 "
+            f"{variant.options['channel']} *= 1 + oblique * sin(incidence_deg)^2 / cos(incidence_deg)^(2 grazing) "
             f"+ lobe * cos(2 incidence_deg)^sharpness{on}"
         )
 
@@ -112,28 +119,35 @@ class NonLambertian(LightFactor):
 def _listed(variant: Variant) -> str:
     """The surfaces of a variant in words."""
     names = [f"'{name}'" for name in str(variant.options["surface"]).split(TOGETHER)]
-    return f"surface {names[0]}" if len(names) == 1 else f"surfaces {', '.join(names[:-1])} and {names[-1]}"
+    return (
+        f"{variant.options.get('column', 'surface')} {names[0]}"
+        if len(names) == 1
+        else f"surfaces {', '.join(names[:-1])} and {names[-1]}"
+    )
 
 
-def _terms(view: View) -> tuple[FloatArray, FloatArray]:
-    """sin² of the incidence and ln of the cosine of twice it; zero and very small where it is unknown."""
+def _terms(view: View) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """sin² of the incidence, ln of its cosine² and of the cosine of twice it; zero, or very small, where unknown."""
     angle = incidence_deg(view)
     return _terms_of(np.full(view.n, np.nan) if angle is None else angle[view.rows])
 
 
-def _terms_of(incidence_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _terms_of(incidence_deg: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     angle = np.radians(incidence_deg)
     sine = np.nan_to_num(np.sin(angle) ** 2)
+    away = 2.0 * np.log(np.maximum(np.nan_to_num(np.cos(angle), nan=1.0), _GRAZING))
     mirror = np.log(np.maximum(np.nan_to_num(np.cos(2.0 * angle), nan=1e-6), 1e-6))
-    return sine, mirror
+    return sine, away, mirror
 
 
-def _excess(values: Values, sine: FloatArray, mirror: FloatArray) -> FloatArray:
+def _excess(values: Values, sine: FloatArray, away: FloatArray, mirror: FloatArray) -> FloatArray:
     """What oblique light and the lobe add to Lambert's law, of 1."""
     lobe = float(values["lobe"]) * np.exp(float(values["sharpness"]) * mirror)
-    return np.asarray(float(values["oblique"]) * sine + lobe)
+    return np.asarray(float(values["oblique"]) * sine * np.exp(-float(values["grazing"]) * away) + lobe)
 
 
+_GRAZING = 0.1
+"""Cosine of the incidence (84°) beyond which facets stand in each other's shadow."""
 _QUANTILES = (np.arange(9) + 0.5) / 9
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import numpy as np
-
 from arl_fixtures.reconcile.effect import Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
@@ -16,11 +14,8 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
 )
 from arl_fixtures.reconcile.effects_surface import light_share, pull_ranges, pulled_channels, surface_names
+from arl_fixtures.reconcile.effects_targets import before, rows_before, target_column
 from arl_fixtures.reconcile.view import View
-
-WORDS = ("target", "panel", "board", "card", "patch", "paint", "material", "sample", "object", "stripe")
-"""What tables without `surface` call the column that says what is looked at."""
-MOST_TARGETS = 8
 
 
 class ReflectanceError(LightFactor):
@@ -47,27 +42,26 @@ class ReflectanceError(LightFactor):
                     drivers=("surface",),
                     where={"surface": [surface]},
                 )
-            if not view.labels("surface"):
-                yield from self._of_targets(view, channel)
+            yield from self._of_targets(view, channel)
 
     def _of_targets(self, view: View, channel: str) -> Iterable[Variant]:
-        named = next((n for n in sorted(view.columns.categories) if _tells_targets(view, n)), "")
-        levels = _levels(view)
-        column = named or ("reflectance" if 2 <= len(levels) <= MOST_TARGETS else "")
-        for target in view.labels(named) if named else levels if column else ():
+        column, targets = target_column(view)
+        for target in targets:
             yield Variant(
                 effect=self.id,
-                options={"channel": channel, "surface": str(target), "column": column},
+                options={"channel": channel, "surface": target, "column": column},
                 parameters=(amplitude("error", "1", -0.9, 4.0, 0.02),),
                 channels=light_channels(view, channel),
                 drivers=(column,),
-                where={column: [target] if isinstance(target, str) else [target, target]},
+                where=rows_before(column, target),
             )
 
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Brighter or darker by the surface's share of the light."""
         if "column" in variant.options:
-            return 1.0 + float(values["error"]) * _before(variant, view)
+            return 1.0 + float(values["error"]) * before(
+                view, str(variant.options["column"]), str(variant.options["surface"])
+            )
         share = light_share(view, str(variant.options["channel"]), str(variant.options["surface"]))
         return 1.0 + float(values["error"]) * share
 
@@ -98,21 +92,3 @@ class ReflectanceError(LightFactor):
             "the "
             "target, compression stays with the signal."
         )
-
-
-def _tells_targets(view: View, name: str) -> bool:
-    return any(word in name for word in WORDS) and 2 <= len(view.labels(name)) <= MOST_TARGETS
-
-
-def _levels(view: View) -> list[float]:
-    """Reflectances that the table has."""
-    values = view.columns.numbers.get("reflectance")
-    return [] if values is None else [float(x) for x in np.unique(values[np.isfinite(values)])[: MOST_TARGETS + 1]]
-
-
-def _before(variant: Variant, view: View) -> FloatArray:
-    """1 on rows before the target of a variant."""
-    column, target = str(variant.options["column"]), str(variant.options["surface"])
-    if column == "reflectance":
-        return np.asarray(np.isclose(view.number(column), float(target), rtol=1e-6), dtype=np.float64)
-    return view.selects(column, target).astype(np.float64)

@@ -1,0 +1,58 @@
+"""Rough targets by adding up their facets: what they send back obliquely, all of them or one of several."""
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.table import columns_of
+
+
+def facets(incidence_deg, slope_rad, draws=20_000):
+    """Light of Lambertian facets of Gaussian slopes, source and eye together, against a flat surface's; 1 at 0°."""
+    rng = np.random.default_rng(5)
+    p, q = np.tan(slope_rad) * rng.normal(size=(2, draws))
+    a = np.radians(np.append(incidence_deg, 0.0))[:, None]
+    facing = np.maximum(np.cos(a) + p * np.sin(a), 0.0) / np.sqrt(1.0 + p * p + q * q)
+    area = np.sqrt(1.0 + p * p + q * q)  # of a facet over one of the base
+    light = np.mean(facing**2 * area, axis=1) / np.cos(a[:, 0]) ** 2
+    return light[:-1] / light[-1]
+
+
+def panels(rng, rows=900):
+    """A single ray before three panels that turn."""
+    panel = np.array(["felt", "painted", "spectralon"])[rng.integers(0, 3, rows)]
+    incidence = rng.uniform(0.0, 70.0, rows)
+    distance = rng.uniform(0.6, 6.0, rows)
+    albedo = np.choose(np.searchsorted(["felt", "painted", "spectralon"], panel), [0.05, 0.5, 0.9])
+    light = 2.0 * albedo * np.cos(np.radians(incidence)) / distance**2
+    std = np.hypot(1e-3, 0.01 * light)
+    return {
+        "target": panel, "incidence_deg": incidence, "true_range_m": distance, "reflectance": albedo,
+        "board_c": rng.uniform(10.0, 60.0, rows), "supply_v": 5.0 + 0.02 * rng.normal(size=rows),
+        "run": np.arange(rows) * 10 // rows, "n_frames": np.full(rows, 10),
+        "sim_amplitude_v": light, "sim_amplitude_v_std": std,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("rough", ["painted", "all"])
+def test_facets_that_stand_up_to_the_light_are_named(rough):
+    rng = np.random.default_rng(31)
+    columns = panels(rng)
+    there = np.ones(900, dtype=bool) if rough == "all" else columns["target"] == rough
+    bright = np.where(there, facets(columns["incidence_deg"], 0.12), 1.0)
+    noise = columns["sim_amplitude_v_std"] / np.sqrt(10.0) * rng.normal(size=900)
+    columns["amplitude_v"] = columns["sim_amplitude_v"] * bright + noise
+    findings = diagnose(columns_of(pa.table(columns)))[0].findings
+    assert [f.effect for f in findings] == ["target.non_lambertian"]
+    assert findings[0].where.get("target", ["all"]) == [rough]
+    assert next(p for p in findings[0].parameters if p.name == "grazing").low > 0.3
+
+
+def test_a_target_that_is_merely_darker_keeps_its_name():
+    rng = np.random.default_rng(33)
+    columns = panels(rng)
+    columns["amplitude_v"] = columns["sim_amplitude_v"] * np.where(columns["target"] == "painted", 0.985, 1.0)
+    columns["amplitude_v"] += columns["sim_amplitude_v_std"] / np.sqrt(10.0) * rng.normal(size=900)
+    findings = diagnose(columns_of(pa.table(columns)))[0].findings
+    assert [f.effect for f in findings] == ["target.reflectance_error"]
