@@ -155,6 +155,25 @@ def convolved(view: View, variance_px2: FloatArray) -> dict[str, FloatArray] | N
     return _by_channel(view, bench, light, moment)
 
 
+def pixel_beside(view: View, du: int, dv: int) -> tuple[FloatArray, FloatArray] | None:
+    """Light of the pixel `du` columns and `dv` rows further in units of the row's own, and how much farther it sees.
+
+    NaN beyond the sensor's edge, in the table's distance unit; None where nothing can be rendered.
+    """
+    bench = bench_of(view)
+    if bench is None:
+        return None
+    numbers, _, back = distinct_spots(view, bench)
+    images = per_view(view, "images beside", lambda: _beside(bench, numbers))
+    (own, own_far), (other, far) = images[_TAPS.index((0, 0))], images[_TAPS.index((du, dv))]
+    spots, camera, pedestal = bench.spots.take(numbers).beside(du, dv), bench.optics.camera, bench.pedestal[numbers]
+    there = (np.abs(spots.u - camera.cx) < camera.cx + 1.0) & (np.abs(spots.v - camera.cy) < camera.cy + 1.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = np.where(there, (other + pedestal) / (own + pedestal), np.nan)
+        farther = np.where(there, far / other - own_far / own, np.nan) * bench.unit
+    return ratio[back], farther[back]
+
+
 def _beside(bench: Bench, numbers: IntArray) -> list[tuple[FloatArray, FloatArray]]:
     """Light and moment of the pixels about each spot, in units of its own illumination."""
     spots, camera = bench.spots.take(numbers), bench.optics.camera

@@ -8,7 +8,9 @@ from collections.abc import Iterable
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_common import shape
 from arl_fixtures.reconcile.effects_frame import ranged_by
+from arl_fixtures.reconcile.effects_render import pixel_beside
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
 
@@ -16,11 +18,14 @@ _NEIGHBOURS = {
     "both": ((-1, 0), (1, 0), (0, -1), (0, 1)),
     "rows": ((-1, 0), (1, 0)),
     "columns": ((0, -1), (0, 1)),
+    "uneven": ((-1, 0), (1, 0), (0, -1), (0, 1)),
 }
 
 
 class Crosstalk(Effect):
     """I(u, v) += share·Σ(I_neighbour − I) over the neighbours along columns, rows or both that the table holds.
+
+    Where both leak, the ones of the column may by `across` of what those of the row do.
 
     What leaks is charge, or the pulse itself: then the distance is the mean of all that arrives by its light.
     """
@@ -37,17 +42,22 @@ class Crosstalk(Effect):
             return
         for channel in view.channels(Role.INTENSITY):
             far = ranged_by(view, channel.name)
-            for direction, leaks in itertools.product(_NEIGHBOURS, ("charge", "pulse") if far else ("charge",)):
+            ways = [
+                way for way in _NEIGHBOURS if way != "uneven" or (view.varies("pixel_u") and view.varies("pixel_v"))
+            ]
+            for direction, leaks in itertools.product(ways, ("charge", "pulse") if far else ("charge",)):
+                share = Parameter(name="share", unit="1", low=0.0, high=0.2, null=0.0, typical=0.01)
+                across = shape("across", "1", 0.05, 5.0, 0.4, 2.5)
                 yield Variant(
                     effect=self.id,
                     options={"channel": channel.name, "direction": direction, "leaks": leaks},
-                    parameters=(Parameter(name="share", unit="1", low=0.0, high=0.2, null=0.0, typical=0.01),),
+                    parameters=(share, across) if direction == "uneven" else (share,),
                     channels=(*(far if leaks == "pulse" else ()), channel.name),
                     drivers=("pixel_u", "pixel_v"),
                 )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
-        """Neighbours outside the table give and take nothing."""
+        """Neighbours that neither the table holds nor the known scene shows give and take nothing."""
         channel, shifts = str(variant.options["channel"]), _NEIGHBOURS[str(variant.options["direction"])]
         far = ranged_by(view, channel) if variant.options.get("leaks") == "pulse" else ()
         own = state[channel]
@@ -55,10 +65,18 @@ class Crosstalk(Effect):
         moments = {distance: np.zeros(view.n) for distance in far}
         for du, dv in shifts:
             other = view.neighbour(state, channel, du=du, dv=dv)
-            leak = leak + np.nan_to_num(other - own)
+            unseen = (
+                pixel_beside(view, du, dv) if np.isnan(other).any() else None
+            )  # of a table that holds some pixels
+            if unseen is not None:
+                other = np.where(np.isnan(other), own * unseen[0], other)
+            part = float(values["across"]) if dv and "across" in values else 1.0
+            leak = leak + part * np.nan_to_num(other - own)
             for distance in far:
                 farther = view.neighbour(state, distance, du=du, dv=dv) - state[distance]
-                moments[distance] += np.nan_to_num(other * farther)
+                if unseen is not None:
+                    farther = np.where(np.isnan(farther), unseen[1], farther)
+                moments[distance] += part * np.nan_to_num(other * farther)
         light = own + values["share"] * leak
         for distance, moment in moments.items():
             with np.errstate(invalid="ignore", divide="ignore"):
@@ -71,13 +89,24 @@ class Crosstalk(Effect):
         channel = variant.options["channel"]
         pulled = "; distance += share * sum(" if variant.options.get("leaks") == "pulse" else ""
         pulled += f"{channel}[neighbours] * (distance[neighbours] - distance)) / {channel}" if pulled else ""
+        if variant.options["direction"] == "uneven":
+            told = f"{channel}[row neighbours] + across * {channel}[column neighbours]"
+            return f"{channel} += share * sum({told} - (1 + across) * {channel}){pulled}"
         return f"{channel} += share * sum({channel}[neighbours] - {channel}){pulled}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """The share in percent."""
-        along = {"both": "its four neighbours", "rows": "its row neighbours", "columns": "its column neighbours"}
+        along = {
+            "both": "its four neighbours",
+            "rows": "its row neighbours",
+            "columns": "its column neighbours",
+            "uneven": "its row neighbours",
+        }
         direction = along[str(variant.options["direction"])]
-        return f"A pixel leaks {values['share'] * 100:.2f} % of its signal into each of {direction}."
+        further = ""
+        if "across" in values:
+            further = f", {values['across'] * values['share'] * 100:.2f} % into each of its column neighbours"
+        return f"A pixel leaks {values['share'] * 100:.2f} % of its signal into each of {direction}{further}."
 
     def next_experiment(self, variant: Variant) -> str:
         """What tells it from blur and glare."""
