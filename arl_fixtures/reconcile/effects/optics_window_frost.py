@@ -27,6 +27,7 @@ class WindowFrost(LightFactor):
 
     * balance: dF/dt = e(onset) − e(T), e the vapour pressure: grows in proportion to the supersaturation below the
       dew or frost point `onset`, goes in proportion to the deficit above, `melt` times as fast; F ≥ 0.
+    * dew point (where one is logged): the balance with e(dew point + margin) for e(onset), moist air as it came.
     * settled: F follows max(onset − T, 0) within a time constant: film and vapour near equilibrium.
     """
 
@@ -64,6 +65,7 @@ class WindowFrost(LightFactor):
                             shape("melt", "1", 0.02, 50.0, 1.0),
                         ),
                     )
+                    yield from self._from_moist_air(view, options)
                     longest = record.interval * record.values.shape[1]
                     unit = record.unit
                     memory = (shape("lag", unit, 1e-3 * longest, longest, 0.01 * longest),)
@@ -73,10 +75,24 @@ class WindowFrost(LightFactor):
                     (*_depths("1/K", deep), onset, *memory),
                 )
 
+    def _from_moist_air(self, view: View, options: dict[str, Option]) -> Iterable[Variant]:
+        for dew in [n for n in view.covariates("_c") if "dew_point" in n or "frost_point" in n][:1]:
+            record, moist = history(view, str(options["temperature"])), history(view, dew)
+            if record is None or moist is None:
+                continue
+            most = float(_film(record, moist.values, 1.0).max())
+            if most > 0.0:
+                unit = "1/(hPa h)" if record.unit == "s" else "1/(hPa step)"
+                margin, melt = shape("margin", "K", -6.0, 6.0, 0.0), shape("melt", "1", 0.02, 50.0, 1.0)
+                told: dict[str, Option] = {**options, "kind": "dew point", "dew": dew}
+                yield self._variant(view, told, (*_depths(unit, most), margin, melt))
+
     def _variant(self, view: View, options: dict[str, Option], parameters: tuple[Parameter, ...]) -> Variant:
         column, channel = str(options["temperature"]), str(options["channel"])
         drivers = [
-            name for name in (column, "ramp", "elevation_deg", "pixel_v") if name == column or view.varies(name)
+            name
+            for name in (column, str(options.get("dew", "ramp")), "elevation_deg", "pixel_v")
+            if name == column or view.varies(name)
         ]
         return Variant(
             effect=self.id,
@@ -89,9 +105,12 @@ class WindowFrost(LightFactor):
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Transmission of the film, both ways of the light."""
         column = str(variant.options["temperature"])
-        onset = float(values["onset"])
+        onset = float(values.get("onset", 0.0))
         record = history(view, column)
-        if record is None:
+        moist = history(view, str(variant.options["dew"])) if "dew" in variant.options else None
+        if record is not None and moist is not None:
+            film = on_rows(view, _film(record, moist.values + float(values["margin"]), float(values["melt"])))
+        elif record is None:
             film = np.nan_to_num(np.maximum(onset - view.number(column), 0.0))
         elif variant.options["kind"] == "balance":
             film = on_rows(view, _film(record, onset, float(values["melt"])))
@@ -109,12 +128,15 @@ class WindowFrost(LightFactor):
     def where(self, variant: Variant, values: Values, view: View) -> dict[str, list[str] | list[float]]:
         """Temperatures below the onset."""
         column = str(variant.options["temperature"])
-        return {column: [view.span(column)[0], float(values["onset"])]}
+        return {column: [view.span(column)[0], _warmest_film(variant, values, view)]}
 
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel, column = variant.options["channel"], variant.options["temperature"]
-        if variant.options["kind"] == "balance":
+        if variant.options["kind"] == "dew point":
+            moist = f"e({variant.options['dew']} + margin)"
+            film = f"dF/dt = {moist} - e({column}), times melt where negative, F >= 0, e the vapour pressure"
+        elif variant.options["kind"] == "balance":
             film = f"dF/dt = e(onset) - e({column}), times melt where negative, F >= 0, e the vapour pressure"
         else:
             film = f"F = max(onset - {column}, 0), delayed by lag"
@@ -125,13 +147,16 @@ class WindowFrost(LightFactor):
         low, _ = self.change(variant, values, view)
         column = variant.options["temperature"]
         text = (
-            f"Ice or condensate on the window takes up to {-low:.1f} % of the light below {values['onset']:.1f} °C "
+            f"Ice or condensate on the window takes up to {-low:.1f} % of the light below "
+            f"{_warmest_film(variant, values, view):.1f} °C "
             f"of {column}"
         )
         lean = float(values["lean"])
         if abs(lean) > 0.2 * float(values["depth"]):
             text += ", more at the top" if lean > 0.0 else ", more at the bottom"
-        if variant.options["kind"] == "balance":
+        if variant.options["kind"] == "dew point":
+            text += f", as {variant.options['dew']} says when the air is moist"
+        if variant.options["kind"] != "settled":
             text += "; it melts later than it forms, so heating differs from cooling"
         return f"{text}."
 
@@ -159,7 +184,14 @@ def _vapour_hpa(temperature_c: FloatArray | float) -> FloatArray:
     return np.asarray(6.112 * np.exp(17.62 * warm / (243.12 + warm)))
 
 
-def _film(record: History, onset: float, melt: float) -> FloatArray:
+def _warmest_film(variant: Variant, values: Values, view: View) -> float:
+    """Temperature below which film forms; by a dew point the highest one that was logged."""
+    if "dew" in variant.options:
+        return view.span(str(variant.options["dew"]))[1] + float(values["margin"])
+    return float(values["onset"])
+
+
+def _film(record: History, onset: FloatArray | float, melt: float) -> FloatArray:
     """Film in hectopascal-hours (hectopascal-steps without time)."""
     hours = record.interval / (3600.0 if record.unit == "s" else 1.0)
     surplus = _vapour_hpa(onset) - _vapour_hpa(record.values)

@@ -26,12 +26,12 @@ from arl_fixtures.reconcile.view import View
 
 
 class NonLambertian(LightFactor):
-    """I *= 1 + oblique·sin²a / cos(a)^(2·grazing) + lobe·max(cos 2a, 0)^sharpness.
+    """I *= 1 + oblique·sin²a + lobe·max(cos 2a, 0)^sharpness, or 1 + facets·tan²a.
 
     On all surfaces, on those of a kind or on one. `oblique` > 0 is a rough surface that stays bright when seen
-    obliquely (facets of small slopes make it tan²a: `grazing` 1), `lobe` a gloss about normal incidence:
-    light comes back along its way, so the angle to the mirror direction is 2a. Where reflectances were fitted to the
-    recording, the change is nil on each surface's average.
+    obliquely, `lobe` a gloss about normal incidence: light comes back along its way, so the angle to the mirror
+    direction is 2a. Facets of small slopes (their mean square is `facets`) face the light where they stand up. Where
+    reflectances were fitted to the recording, the change is nil on each surface's average.
     """
 
     id = "target.non_lambertian"
@@ -55,19 +55,15 @@ class NonLambertian(LightFactor):
             for surface in ("", *surfaces_of_a_kind(view), *surface_names(view, 4), *targets):
                 told: dict[str, Option] = {"column": column} if surface and column else {}
                 where = rows_before(column, surface) if told else {"surface": surface.split(TOGETHER)}
-                yield Variant(
-                    effect=self.id,
-                    options={"channel": channel, "surface": surface, **over, **told},
-                    parameters=(
-                        amplitude("oblique", "1", -2.0, 5.0, 0.1),
-                        amplitude("lobe", "1", -0.5, 5.0, 0.05),
-                        shape("sharpness", "1", 1.0, 200.0, 12.0),
-                        shape("grazing", "1", 0.0, 1.0, 0.0, 1.0),
-                    ),
-                    channels=light_channels(view, channel),
-                    drivers=drivers[:1] if view.varies("incidence_deg") else drivers,
-                    where=where if surface else {},
-                )
+                for parameters in (_ROUGH_AND_GLOSSY, _FACETS):
+                    yield Variant(
+                        effect=self.id,
+                        options={"channel": channel, "surface": surface, **over, **told},
+                        parameters=parameters,
+                        channels=light_channels(view, channel),
+                        drivers=drivers[:1] if view.varies("incidence_deg") else drivers,
+                        where=where if surface else {},
+                    )
 
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Reflectance against Lambert's law."""
@@ -97,8 +93,10 @@ class NonLambertian(LightFactor):
     def expression(self, variant: Variant) -> str:
         """The law."""
         on = f" on {_listed(variant)}" if variant.options["surface"] else ""
+        if variant.parameters == _FACETS:
+            return f"{variant.options['channel']} *= 1 + facets * tan(incidence_deg)^2{on}"
         return (
-            f"{variant.options['channel']} *= 1 + oblique * sin(incidence_deg)^2 / cos(incidence_deg)^(2 grazing) "
+            f"{variant.options['channel']} *= 1 + oblique * sin(incidence_deg)^2 "
             f"+ lobe * cos(2 incidence_deg)^sharpness{on}"
         )
 
@@ -127,7 +125,7 @@ def _listed(variant: Variant) -> str:
 
 
 def _terms(view: View) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """sin² of the incidence, ln of its cosine² and of the cosine of twice it; zero, or very small, where unknown."""
+    """sin² and tan² of the incidence and ln of the cosine of twice it; zero, or very small, where it is unknown."""
     angle = incidence_deg(view)
     return _terms_of(np.full(view.n, np.nan) if angle is None else angle[view.rows])
 
@@ -135,19 +133,27 @@ def _terms(view: View) -> tuple[FloatArray, FloatArray, FloatArray]:
 def _terms_of(incidence_deg: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     angle = np.radians(incidence_deg)
     sine = np.nan_to_num(np.sin(angle) ** 2)
-    away = 2.0 * np.log(np.maximum(np.nan_to_num(np.cos(angle), nan=1.0), _GRAZING))
+    away = np.maximum(np.nan_to_num(np.cos(angle), nan=1.0), _GRAZING)
     mirror = np.log(np.maximum(np.nan_to_num(np.cos(2.0 * angle), nan=1e-6), 1e-6))
-    return sine, away, mirror
+    return sine, sine / away**2, mirror
 
 
-def _excess(values: Values, sine: FloatArray, away: FloatArray, mirror: FloatArray) -> FloatArray:
-    """What oblique light and the lobe add to Lambert's law, of 1."""
+def _excess(values: Values, sine: FloatArray, tangent: FloatArray, mirror: FloatArray) -> FloatArray:
+    """What oblique light and the lobe, or facets, add to Lambert's law, of 1."""
+    if "facets" in values:
+        return np.asarray(float(values["facets"]) * tangent)
     lobe = float(values["lobe"]) * np.exp(float(values["sharpness"]) * mirror)
-    return np.asarray(float(values["oblique"]) * sine * np.exp(-float(values["grazing"]) * away) + lobe)
+    return np.asarray(float(values["oblique"]) * sine + lobe)
 
 
 _GRAZING = 0.1
 """Cosine of the incidence (84°) beyond which facets stand in each other's shadow."""
+_ROUGH_AND_GLOSSY = (
+    amplitude("oblique", "1", -2.0, 5.0, 0.1),
+    amplitude("lobe", "1", -0.5, 5.0, 0.05),
+    shape("sharpness", "1", 1.0, 200.0, 12.0),
+)
+_FACETS = (amplitude("facets", "1", 0.0, 1.0, 0.02),)
 _QUANTILES = (np.arange(9) + 0.5) / 9
 
 

@@ -32,7 +32,8 @@ class RangeWalk(Effect):
     * pulse: w(x) = −sqrt(2·ln(x / threshold)), the crossing of a Gaussian pulse's leading edge; `walk` is then the
       pulse's standard deviation as a range. It runs away near the threshold as no power does.
 
-    In a table without a signal stands for it what a surface returns: reflectance·cos(incidence) / distance².
+    In a table whose signal is not compared stands for it what was read of it, if a column tells (the peak's voltage),
+    or what a surface returns: reflectance·cos(incidence) / distance².
     """
 
     id = "timing.range_walk"
@@ -44,8 +45,9 @@ class RangeWalk(Effect):
         """Edge and pulse for every pair of a distance and an intensity channel."""
         for distance in distances(view):
             size = 1e3 if unit_of(distance) == "mm" else 1.0
-            for signal in signals(view) or (RETURN,):
-                if not (view.varies("reflectance") if signal == RETURN else view.varies(f"sim_{signal}")):
+            for signal in signals(view) or (*_read(view), RETURN):
+                simulated = view.varies("reflectance") if signal == RETURN else view.varies(f"sim_{signal}")
+                if not simulated and signal not in _read(view):
                     continue
                 for kind in ("edge", "pulse"):
                     yield Variant(
@@ -69,7 +71,7 @@ class RangeWalk(Effect):
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Shifts the distance by the walk of the signal."""
         distance, signal = str(variant.options["distance"]), str(variant.options["signal"])
-        light = _returned(view, distance) if signal == RETURN else state[signal]
+        light = state[signal] if signal in state else _strength(view, signal, distance)
         ratio = np.clip(np.nan_to_num(light / float(variant.options["reference"]), nan=1.0), 1e-3, 1e4)
         state[distance] = state[distance] + float(values["walk"]) * _walk(ratio, values)
 
@@ -86,7 +88,7 @@ class RangeWalk(Effect):
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Size over the middle 90 % of the signal."""
         signal, distance = str(variant.options["signal"]), str(variant.options["distance"])
-        light = _returned(view, distance) if signal == RETURN else view.sim[signal]
+        light = view.sim[signal] if signal in view.sim else _strength(view, signal, distance)
         low, high = np.nanquantile(light, [0.05, 0.95])
         ends = np.clip(np.array([low, high]) / float(variant.options["reference"]), 1e-3, 1e4)
         change = float(values["walk"]) * float(-np.diff(_walk(ends, values))[0])
@@ -101,6 +103,23 @@ class RangeWalk(Effect):
         return (
             "Repeat with a neutral-density filter in front of the window: range walk follows the attenuated signal."
         )
+
+
+_STRENGTHS = ("peak", "amplitude", "signal", "intensity", "echo", "strength", "pulse_height")
+_SEEN = 0.95
+
+
+def _read(view: View) -> tuple[str, ...]:
+    """Logged columns that tell the strength of a return, positive on nearly all rows."""
+    told = [
+        n for n in view.covariates() if any(w in n for w in _STRENGTHS) and unit_of(n) in {"V", "mV", "counts", "1"}
+    ]
+    return tuple(n for n in told if float(np.mean(view.columns.numbers[n] > 0.0)) > _SEEN)[:2]
+
+
+def _strength(view: View, signal: str, distance: str) -> FloatArray:
+    """The strength of the rows' returns where no channel is, as logged or as a surface sends back."""
+    return _returned(view, distance) if signal == RETURN else np.maximum(view.number(signal), 0.0)
 
 
 def _columns(view: View) -> tuple[str, ...]:
@@ -123,9 +142,9 @@ def _returned(view: View, distance: str) -> FloatArray:
 
 def _reference(view: View, signal: str, distance: str) -> float:
     """Median signal of the table."""
-    if signal != RETURN:
+    if f"sim_{signal}" in view.columns.numbers:
         return rounded(view.middle(f"sim_{signal}"))
-    light = _returned(View(view.columns), distance)
+    light = _strength(View(view.columns), signal, distance)
     return rounded(float(np.median(light[np.isfinite(light) & (light > 0.0)])))
 
 
