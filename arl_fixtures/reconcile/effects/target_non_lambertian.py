@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Option, Stage, Values, Variant
+from arl_fixtures.reconcile.effect import Option, Parameter, Stage, Values, Variant
 from arl_fixtures.reconcile.effects_bounce import incidence_deg
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
@@ -55,10 +55,14 @@ class NonLambertian(LightFactor):
             for surface in ("", *surfaces_of_a_kind(view), *surface_names(view, 4), *targets):
                 told: dict[str, Option] = {"column": column} if surface and column else {}
                 where = rows_before(column, surface) if told else {"surface": surface.split(TOGETHER)}
-                for parameters in (_ROUGH_AND_GLOSSY, _FACETS):
+                ways: tuple[tuple[dict[str, Option], tuple[Parameter, ...]], ...] = (
+                    ({}, _ROUGH_AND_GLOSSY),
+                    ({"kind": "facets"}, _FACETS),
+                )
+                for kind, parameters in ways:
                     yield Variant(
                         effect=self.id,
-                        options={"channel": channel, "surface": surface, **over, **told},
+                        options={"channel": channel, "surface": surface, **kind, **over, **told},
                         parameters=parameters,
                         channels=light_channels(view, channel),
                         drivers=drivers[:1] if view.varies("incidence_deg") else drivers,
@@ -93,7 +97,7 @@ class NonLambertian(LightFactor):
     def expression(self, variant: Variant) -> str:
         """The law."""
         on = f" on {_listed(variant)}" if variant.options["surface"] else ""
-        if variant.parameters == _FACETS:
+        if variant.options.get("kind") == "facets":
             return f"{variant.options['channel']} *= 1 + facets * tan(incidence_deg)^2{on}"
         return (
             f"{variant.options['channel']} *= 1 + oblique * sin(incidence_deg)^2 "
