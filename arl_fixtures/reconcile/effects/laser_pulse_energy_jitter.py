@@ -46,8 +46,7 @@ class PulseEnergyJitter(Effect):
                     options={"channel": channel, "group": "frame"},
                     parameters=(amplitude("jitter", "1", 0.0, 0.5, 0.01),),
                     channels=(channel,),
-                    drivers=tuple(name for name in ("frame", "time_s") if view.varies(name))[:1]
-                    or (f"sim_{channel}",),
+                    drivers=(number,),
                 )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
