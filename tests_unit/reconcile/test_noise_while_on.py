@@ -54,3 +54,19 @@ def test_scatter_under_one_of_three_named_conditions_is_found_there():
     (finding,) = diagnose(columns_of(table))[0].findings
     assert finding.effect == "readout.noise_excess"
     assert finding.where["blower"] == ["high"]
+
+
+def test_a_beat_that_jitters_beyond_the_laser_s_coherence_is_more_noise_there():
+    rng = np.random.default_rng(4)
+    away = rng.uniform(2.0, 60.0, 900)
+    late = np.maximum(away - 30.0, 0.0) / 30.0  # phase noise of the delay beyond the reference arm's
+    frames = rng.normal(size=(900, FRAMES)) + late[:, None] * 0.6 * rng.normal(size=(900, FRAMES))
+    made = columns_of(pa.table({
+        "step": np.arange(900) // 90, "true_range_m": away, "humidity_pct": rng.uniform(30.0, 60.0, 900),
+        "n_frames": np.full(900, float(FRAMES)), "sim_distance_m": away, "sim_distance_m_std": np.full(900, 1e-3),
+        "distance_m": away + 1e-3 * frames.mean(axis=1), "distance_m_std": 1e-3 * frames.std(axis=1, ddof=1),
+    }))  # fmt: skip
+    (finding,) = diagnose(made)[0].findings
+    assert finding.effect == "readout.noise_excess"
+    assert finding.drivers == ["true_range_m"]
+    assert 15.0 < finding.where["true_range_m"][0] < 45.0

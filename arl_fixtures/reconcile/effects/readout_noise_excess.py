@@ -8,7 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effect import Effect, Option, Parameter, Stage, State, Values, Variant
-from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, rounded, shape, temperature_drivers
+from arl_fixtures.reconcile.effects_common import (
+    FloatArray,
+    amplitude,
+    is_of_bench,
+    rounded,
+    shape,
+    temperature_drivers,
+)
 from arl_fixtures.reconcile.grouping import DEVICE_WORDS, UNIT_WORDS
 from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.view import View
@@ -27,6 +34,7 @@ class NoiseExcess(Effect):
     * everywhere: c = 1.
     * growing: c = 2^((T − highest) / doubling).
     * split: one factor below and one above a knee of a temperature, the image or the ramp.
+    * rising: c = max(x − knee, 0) / (highest − knee) of the range or another condition, or of its fall.
     * while: c = 1 while something is switched on (a lamp, a heater) or a condition has one of its few names, else 0.
     """
 
@@ -49,6 +57,14 @@ class NoiseExcess(Effect):
                 yield self._variant(view, channel.name, {"condition": "growing", **options}, (growth,))
             for column, level in _switches(view):
                 yield self._variant(view, channel.name, {"condition": "while", "column": column, "level": level}, ())
+            for column in _conditions(view, columns):
+                low, high = view.span(column)
+                for end in ("high", "low"):
+                    knee = shape(
+                        "knee", unit_of(column), low, high, low if end == "high" else high, 0.5 * (low + high)
+                    )
+                    ends: dict[str, Option] = {"column": column, "end": end, "reach": high if end == "high" else low}
+                    yield self._variant(view, channel.name, {"condition": "rising", **ends}, (knee,))
             for column in split:
                 low, high = view.span(column)
                 starts = [low + share * (high - low) for share in ((0.5,) if column == "ramp" else (0.5, 0.25, 0.75))]
@@ -87,6 +103,8 @@ class NoiseExcess(Effect):
         if variant.options["condition"] == "growing":
             warm = np.nan_to_num(view.number(str(variant.options["column"]))) - float(variant.options["highest"])
             under = np.exp2(np.clip(warm / float(values["doubling"]), -60.0, 4.0))
+        elif variant.options["condition"] == "rising":
+            under = _risen(variant, values, view)
         elif variant.options["condition"] == "while":
             under = _is_on(view, variant).astype(float)
         scaled = state[name] * (1.0 + float(values["factor"]) * under)
@@ -97,6 +115,9 @@ class NoiseExcess(Effect):
         if variant.options["condition"] == "while":
             switch = str(variant.options["column"])
             return {switch: [str(variant.options["level"])] if view.is_category(switch) else [1.0, 1.0]}
+        if variant.options["condition"] == "rising":
+            ends = float(values["knee"]), float(variant.options["reach"])
+            return {str(variant.options["column"]): [min(ends), max(ends)]}
         if variant.options["condition"] != "split":
             return {}
         column, knee = str(variant.options["column"]), float(values["knee"])
@@ -111,6 +132,8 @@ class NoiseExcess(Effect):
         grown = ", c = 1"
         if variant.options["condition"] == "growing":
             grown = f", c = 2^(({column} - {variant.options['highest']}) / doubling)"
+        elif variant.options["condition"] == "rising":
+            grown = f", c = max(({column} - knee) / ({variant.options['reach']} - knee), 0)"
         elif variant.options["condition"] == "while":
             grown = f", c = [{column} = {variant.options['level']}]"
         return f"{name}^2 = ({name} * (1 + factor * c))^2 + (added * c)^2{grown}"
@@ -126,6 +149,9 @@ class NoiseExcess(Effect):
             condition = f"at the highest {column}, less below"
         if variant.options["condition"] == "while":
             condition = f"while {column} is {variant.options['level']}"
+        if variant.options["condition"] == "rising":
+            side = "above" if variant.options["end"] == "high" else "below"
+            condition = f"where {column} is {side} {values['knee']:.4g}, the more the farther"
         if variant.options["condition"] == "split":
             above = values["factor_above"] >= values["factor_below"]
             condition = f"where {column} is {'above' if above else 'below'} {values['knee']:.4g}"
@@ -151,6 +177,27 @@ def _switches(view: View) -> list[tuple[str, str]]:
         if told.tolist() == [0.0, 1.0] and name not in _NO_SWITCH:
             found.append((name, "1"))
     return found
+
+
+_NO_CAUSE = ("azimuth_deg", "elevation_deg", "incidence_deg", "reflectance", "stage_angle_deg", "time_s", *_NO_SWITCH)
+_MOST_CONDITIONS, _FEWEST_LEVELS = 4, 4
+
+
+def _conditions(view: View, temperatures: tuple[str, ...]) -> list[str]:
+    """Conditions that scatter may rise with beside the temperature: the range before others, few of them."""
+    names = [
+        name for name in view.covariates()
+        if name not in (*_NO_CAUSE, *temperatures) and not is_of_bench(name) and not name.endswith(("_c", "_std"))
+        and np.unique(view.columns.numbers[name]).size >= _FEWEST_LEVELS
+    ]  # fmt: skip
+    return sorted(names, key=lambda name: (name != "true_range_m", name))[:_MOST_CONDITIONS]
+
+
+def _risen(variant: Variant, values: Values, view: View) -> FloatArray:
+    """Share of the way from the knee to the end of a condition; 0 before the knee."""
+    knee, reach = float(values["knee"]), float(variant.options["reach"])
+    way = reach - knee if abs(reach - knee) > 1e-12 else 1e-12
+    return np.maximum(np.nan_to_num((view.number(str(variant.options["column"])) - knee) / way), 0.0)
 
 
 def _is_on(view: View, variant: Variant) -> BoolArray:
