@@ -34,6 +34,16 @@ _AT_START, _MOVED = 0.05, 0.02
 """Share of a record that is its start, and of all temperatures by which a change there is one."""
 
 
+def _outside(view: View) -> tuple[str, ...]:
+    """Temperatures that a die inside may follow: the housing's, by whatever name; of names unheard of two."""
+    known = ("housing_temperature_c", "plate_temperature_c")
+    cases = [
+        name for name in view.temperatures() if any(word in name for word in ("case", "housing", "body", "shell"))
+    ]
+    told = bool(cases) or any(name in view.temperatures() for name in known)
+    return temperature_drivers(view, *known, *cases, limit=1 if told else 2)
+
+
 class ThermalLag(Effect):
     """D += slope·(T_late − T) or slope·(T_late − reference); T_late follows T with a first-order time constant.
 
@@ -54,7 +64,7 @@ class ThermalLag(Effect):
             return
         for distance in distances(view):
             size = 1e3 if unit_of(distance) == "mm" else 1.0
-            for column in temperature_drivers(view, "housing_temperature_c", "plate_temperature_c", limit=1):
+            for column in _outside(view):
                 record = history(view, column)
                 if record is None:
                     continue
