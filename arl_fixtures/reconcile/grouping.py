@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from arl_fixtures.reconcile.columns import IMAGE_COLUMNS, Columns, FloatArray, IntArray
-from arl_fixtures.reconcile.roles import PIXEL_COLUMNS, counts_visits
+from arl_fixtures.reconcile.roles import PIXEL_COLUMNS, counts_visits, unit_of
 
 UNIT_WORDS = ("zone", "pixel", "channel", "sensor", "device", "unit", "module", "serial", "run", "tap")
 DEVICE_WORDS = ("dut", "sensor", "device", "module", "serial", "run")
@@ -24,6 +24,8 @@ WITHIN_IMAGES = (PATCHES, RUNS)
 BLOCKS_WITHOUT_STEPS = 16
 FEWEST_BLOCKS = 5
 ROWS_OF_A_CURVE, FEWEST_CURVES = 8.0, 2
+DRIVES = {"A", "mA", "uA", "V", "mV", "W", "mW", "uW"}
+"""Units of what a device is driven by, set anew for every curve."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,7 +87,7 @@ def find_groups(table: Columns) -> Groups:
         elif swept:
             step = _dense(device, _blocks_along(table.numbers[swept]))
             name = f"blocks of neighbouring {swept}"
-            of_curves = swept != "time_s" and _curves_over(table, swept)
+            of_curves = unit_of(swept) in DRIVES and _curves_over(table, swept)
             repeated = None if of_curves else _dense(step, table.codes_of(swept))  # equal to the last digit
     frame = _dense(step, angle) if angle is not None else repeated
     if len(table.image_columns) > len(IMAGE_COLUMNS):
@@ -129,6 +131,7 @@ def _curves_over(table: Columns, swept: str) -> bool:
     """Whether other quantities, of few values each, tell curves over a swept one apart.
 
     What rows at a current have in common at every temperature is what the current does, not an error of that moment.
+    Not so of places: a stop of a rail is off by the same before every target.
     """
     taken = {c.name for c in table.channels}
     others = [

@@ -6,6 +6,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from arl_fixtures.reconcile.command import predict, reconcile
+from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.table import columns_of
 
 CURRENT_A = np.arange(0.0, 2.2, 0.025)
 SINK_C = np.arange(20.0, 70.0, 5.0)
@@ -51,3 +53,26 @@ def test_a_laser_that_rolls_over_is_foretold_between_its_currents(tmp_path, band
     left, before = np.sqrt(np.mean((said - true[held]) ** 2)), np.sqrt(np.mean((cold - true)[held] ** 2))
     assert found.findings[0].effect == "laser.thermal_rolloff"
     assert left / before < 0.02
+
+
+def rail(rng, stop_error_m):
+    """Stops of a rail before four cards each: where a stop is off, it is so before every card."""
+    stops = np.linspace(0.5, 4.0, 60)
+    far, card = (x.ravel() for x in np.meshgrid(stops, [0.1, 0.3, 0.6, 0.9], indexing="ij"))
+    off = np.repeat(stop_error_m * rng.normal(size=stops.size), 4)
+    return pa.table(
+        {
+            "true_range_m": far,
+            "reflectance": card,
+            "sim_distance_m": far,
+            "sim_distance_m_std": np.full(far.size, 1e-3),
+            "distance_m": far + off + 1e-3 / np.sqrt(10.0) * rng.normal(size=far.size),
+            "n_frames": np.full(far.size, 10),
+        }
+    )
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_stops_of_a_rail_that_are_off_before_every_card_get_no_name(seed):
+    findings = diagnose(columns_of(rail(np.random.default_rng(seed), 1e-3)))[0].findings
+    assert not {f.effect for f in findings} - {"bench.repeatability"}
