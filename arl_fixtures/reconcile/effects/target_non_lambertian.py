@@ -39,7 +39,7 @@ class NonLambertian(LightFactor):
     source = (
         "Oren, Nayar, SIGGRAPH 1994 (rough diffuse); Phong, CACM 18 (1975) 311 (lobe), for source and eye together"
     )
-    confusable = ("optics.vignetting", "target.reflectance_error", "stage.eccentricity")
+    confusable = ("optics.vignetting", "target.reflectance_error", "stage.eccentricity", "air.multipath")
 
     def variants(self, view: View) -> Iterable[Variant]:
         """All surfaces, those of a kind, and each of the four most seen."""
