@@ -63,6 +63,7 @@ class WindowFrost(LightFactor):
                             *_depths(unit, most),
                             onset,
                             shape("melt", "1", 0.02, 50.0, 1.0),
+                            *_soak(record),
                         ),
                     )
                     yield from self._from_moist_air(view, options)
@@ -83,9 +84,9 @@ class WindowFrost(LightFactor):
             most = float(_film(record, moist.values, 1.0).max())
             if most > 0.0:
                 unit = "1/(hPa h)" if record.unit == "s" else "1/(hPa step)"
-                margin, melt = shape("margin", "K", -6.0, 6.0, 0.0), shape("melt", "1", 0.02, 50.0, 1.0)
+                margin, melt = shape("margin", "K", -8.0, 8.0, 0.0, 4.0), shape("melt", "1", 0.02, 50.0, 1.0)
                 told: dict[str, Option] = {**options, "kind": "dew point", "dew": dew}
-                yield self._variant(view, told, (*_depths(unit, most), margin, melt))
+                yield self._variant(view, told, (*_depths(unit, most), margin, melt, *_soak(record)))
 
     def _variant(self, view: View, options: dict[str, Option], parameters: tuple[Parameter, ...]) -> Variant:
         column, channel = str(options["temperature"]), str(options["channel"])
@@ -105,15 +106,15 @@ class WindowFrost(LightFactor):
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Transmission of the film, both ways of the light."""
         column = str(variant.options["temperature"])
-        onset = float(values.get("onset", 0.0))
+        onset, before = float(values.get("onset", 0.0)), float(values.get("before", 0.0))
         record = history(view, column)
         moist = history(view, str(variant.options["dew"])) if "dew" in variant.options else None
         if record is not None and moist is not None:
-            film = on_rows(view, _film(record, moist.values + float(values["margin"]), float(values["melt"])))
+            film = on_rows(view, _film(record, moist.values + float(values["margin"]), float(values["melt"]), before))
         elif record is None:
             film = np.nan_to_num(np.maximum(onset - view.number(column), 0.0))
         elif variant.options["kind"] == "balance":
-            film = on_rows(view, _film(record, onset, float(values["melt"])))
+            film = on_rows(view, _film(record, onset, float(values["melt"]), before))
         else:
             cold = np.maximum(onset - record.values, 0.0)
             film = on_rows(view, low_pass(cold, record.interval / float(values["lag"])))
@@ -168,6 +169,8 @@ class WindowFrost(LightFactor):
 
 
 _COLDEST_C, _WARMEST_C = -20.0, 25.0
+_COLD_START_C = 5.0
+"""Temperature of its first row below which a record began when there may have been ice."""
 
 
 def _depths(unit: str, film: float) -> tuple[Parameter, Parameter]:
@@ -191,11 +194,21 @@ def _warmest_film(variant: Variant, values: Values, view: View) -> float:
     return float(values["onset"])
 
 
-def _film(record: History, onset: FloatArray | float, melt: float) -> FloatArray:
-    """Film in hectopascal-hours (hectopascal-steps without time)."""
+def _soak(record: History) -> tuple[Parameter, ...]:
+    """How long it had been as cold as the first row says, for records that begin in the cold."""
+    if float(np.median(record.values[:, 0])) > _COLD_START_C:
+        return ()
+    longest = 0.5 * record.interval * record.values.shape[1]
+    return (shape("before", record.unit, 0.0, longest, 0.2 * longest),)
+
+
+def _film(record: History, onset: FloatArray | float, melt: float, before: float = 0.0) -> FloatArray:
+    """Film in hectopascal-hours (hectopascal-steps without time); `before` the record it grew as at its start."""
     hours = record.interval / (3600.0 if record.unit == "s" else 1.0)
     surplus = _vapour_hpa(onset) - _vapour_hpa(record.values)
-    return reservoir(np.where(surplus > 0.0, surplus, melt * surplus) * hours)
+    grown = np.where(surplus > 0.0, surplus, melt * surplus) * hours
+    grown[:, 0] += np.maximum(surplus[:, 0], 0.0) * hours * before / record.interval
+    return reservoir(grown)
 
 
 def _heights(view: View) -> dict[str, Option]:

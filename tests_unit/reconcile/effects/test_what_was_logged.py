@@ -72,3 +72,22 @@ def test_ranges_alone_walk_with_the_peak_that_was_read():
         for power in np.linspace(-0.5, 0.5, 11)
     )
     assert least < 0.02
+
+
+def test_a_record_that_begins_in_the_cold_begins_with_ice():
+    time = np.arange(0.0, 14_000.0, 20.0)
+    warm = np.interp(time, [0.0, 4000.0, 5000.0, 8000.0, 14_000.0], [-8.0, -8.0, 0.0, 1.0, 25.0])
+    film, grown = 0.0, []
+    for temperature in warm:
+        grown.append(film)
+        film = max(film + 20.0 / 3600.0 * (vapour(2.0) - vapour(temperature)), 0.0)
+    seen = time >= 3000.0  # nobody looked while the chamber went cold
+    columns = {
+        "time_s": time[seen], "housing_temperature_c": warm[seen], "sim_signal_counts": np.full(seen.sum(), 1e3),
+        "signal_counts": 1e3 * np.exp(-0.1 * np.array(grown)[seen]),
+    }  # fmt: skip
+    view = View(make_columns(columns, {}, shuffle=None)[0])
+    frost = variant_of(view, "optics.window_frost", kind="balance")
+    known = {"depth": 0.1, "onset": 2.0, "melt": 1.0}
+    assert left_over(view, corrected(view, frost, **known, before=3000.0), "signal_counts") < 0.01
+    assert left_over(view, corrected(view, frost, **known, before=0.0), "signal_counts") > 0.2
