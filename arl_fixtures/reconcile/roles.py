@@ -19,7 +19,7 @@ _NO_UNIT = frozenset({"pixel_u", "pixel_v"})
 """Numbers of a column and a row: their last letter is no unit."""
 _SIGNAL_WORDS = (
     "intensity", "signal", "photo", "amplitude", "power", "optical", "radiance", "light", "return", "echo",
-    "brightness", "flux", "luminance", "emission",
+    "brightness", "flux", "luminance", "emission", "transmittance", "transmission", "responsivity",
 )  # fmt: skip
 _SIGNAL_UNITS = {"counts", "cps", "kcps", "mcps", "w", "mw", "uw", "j", "mj", "lux"}
 _READ_IN = {"", "a", "ma", "ua", "v", "mv", "hz", "khz", "mhz"}

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from scipy.special import erfc
 
-from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effect import Effect, Option, Parameter, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     amplitude,
@@ -31,6 +31,8 @@ class PileUp(Effect):
       its dead time anew with every photon (1).
     * pulse: q(x) = (1 − exp(−x)) / x, a detector that fires once a laser pulse, x photons per pulse.
 
+    Where the background's light varies, also with exp(−blocked·b / b_top): what it has fired is blind to the pulse.
+
     early(x, tail): how much earlier than its mean a pulse's first photon comes, in standard deviations. A Gaussian
     pulse has no tail (0); one that decays from a sharp edge (1) has no photon before that edge.
     """
@@ -44,6 +46,7 @@ class PileUp(Effect):
 
     def variants(self, view: View) -> Iterable[Variant]:
         """One per intensity channel."""
+        background = _background(view)
         for channel in signals(view):
             moved = ranged_by(view, channel)[:1]
             if not moved and unit_of(channel) not in _COUNTED:
@@ -54,8 +57,13 @@ class PileUp(Effect):
                 widths.append(shape("width", unit_of(moved[0]), 0.005 * size, 2.0 * size, 0.05 * size))
             tails = [shape("tail", "1", 0.0, 1.0, 0.5)] if moved else []
             for kind, further in (
-                ("dead time", [shape("paralysis", "1", 0.0, 1.0, 0.0, 0.8), *widths]), ("pulse", [*widths, *tails])
+                ("dead time", [shape("paralysis", "1", 0.0, 1.0, 0.0, 0.8), *widths]), ("pulse", [*widths, *tails]),
+                *([("background", [*widths, *tails])] if background else []),
             ):  # fmt: skip
+                blocked = [amplitude("blocked", "1", 0.0, 20.0, 0.1)] if kind == "background" else []
+                behind: dict[str, Option] = (
+                    {"background": background, "brightest": view.span(background)[1]} if blocked else {}
+                )
                 yield Variant(
                     effect=self.id,
                     options={
@@ -63,10 +71,11 @@ class PileUp(Effect):
                         "distance": moved[0] if moved else "",
                         "top": rounded(top_signal(view, channel)),
                         "kind": kind,
+                        **behind,
                     },
-                    parameters=(amplitude("load", "1", 0.0, 50.0, 0.2), *further),
+                    parameters=(amplitude("load", "1", 0.0, 50.0, 0.2), *blocked, *further),
                     channels=tuple(dict.fromkeys((*moved, *with_scatter(view, channel)))),
-                    drivers=(f"sim_{channel}",),
+                    drivers=(f"sim_{channel}", *((background,) if blocked else ())),
                 )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
@@ -76,6 +85,11 @@ class PileUp(Effect):
         with np.errstate(invalid="ignore"):
             load = np.clip(float(values["load"]) * light / float(variant.options["top"]), 0.0, 200.0)
         kept = _kept(load, values)
+        if "background" in variant.options:
+            behind = np.nan_to_num(view.number(str(variant.options["background"]))) / float(
+                variant.options["brightest"]
+            )
+            light = light * np.exp(-float(values["blocked"]) * np.clip(behind, 0.0, 10.0))
         if "paralysis" in values:
             paralysis = float(values["paralysis"])
             alive = 1.0 + (1.0 - paralysis) * load
@@ -92,6 +106,8 @@ class PileUp(Effect):
         channel, distance = variant.options["channel"], variant.options["distance"]
         loss = "(1 - exp(-x)) / x" if _is_pulsed(variant) else "exp(-paralysis * x) / (1 + (1 - paralysis) * x)"
         text = f"{channel} *= {loss}, x = load * {channel} / {variant.options['top']}"
+        if "background" in variant.options:
+            text += f", times exp(-blocked * {variant.options['background']} / {variant.options['brightest']})"
         return f"{text}; {distance} -= width * early(x, tail)" if distance else text
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
@@ -117,7 +133,7 @@ class PileUp(Effect):
 
 
 def _is_pulsed(variant: Variant) -> bool:
-    return variant.options.get("kind") == "pulse"
+    return variant.options.get("kind") in {"pulse", "background"}
 
 
 def _kept(load: FloatArray, values: Values) -> FloatArray:
@@ -170,3 +186,9 @@ def early(load: FloatArray, tail: float = 0.0) -> FloatArray:
     low = min(int(place), len(_TAILS) - 2)
     part = place - low
     return np.asarray(np.interp(load, _LOADS, (1.0 - part) * _LEAD[low] + part * _LEAD[low + 1]))
+
+
+def _background(view: View) -> str:
+    """The varying column that tells how bright the background is; none where none does."""
+    told = [n for n in view.covariates() if any(word in n for word in ("ambient", "background", "sunlight"))]
+    return next((n for n in told if unit_of(n) in {*_COUNTED, "1", "lx", "W"} and view.span(n)[0] >= 0.0), "")
