@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 
 import numpy as np
@@ -12,6 +13,7 @@ from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     amplitude,
     is_of_bench,
+    per_table,
     rounded,
     shape,
     temperature_drivers,
@@ -185,12 +187,20 @@ _MOST_CONDITIONS, _FEWEST_LEVELS = 4, 4
 
 def _conditions(view: View, temperatures: tuple[str, ...]) -> list[str]:
     """Conditions that scatter may rise with beside the temperature: the range before others, few of them."""
-    names = [
-        name for name in view.covariates()
-        if name not in (*_NO_CAUSE, *temperatures) and not is_of_bench(name) and not name.endswith(("_c", "_std"))
-        and np.unique(view.columns.numbers[name]).size >= _FEWEST_LEVELS
-    ]  # fmt: skip
-    return sorted(names, key=lambda name: (name != "true_range_m", name))[:_MOST_CONDITIONS]
+
+    def make() -> list[str]:
+        names = [
+            name for name in view.covariates()
+            if name not in (*_NO_CAUSE, *temperatures) and not is_of_bench(name) and not name.endswith(("_c", "_std"))
+        ]  # fmt: skip
+        several = (n for n in sorted(names, key=lambda n: (n != "true_range_m", n)) if _has_levels(view, n))
+        return list(itertools.islice(several, _MOST_CONDITIONS))
+
+    return per_table(view, ("noise conditions", temperatures), make)
+
+
+def _has_levels(view: View, name: str) -> bool:
+    return np.unique(view.columns.numbers[name]).size >= _FEWEST_LEVELS
 
 
 def _risen(variant: Variant, values: Values, view: View) -> FloatArray:
