@@ -47,7 +47,7 @@ class Crosstalk(Effect):
             ]
             for direction, leaks in itertools.product(ways, ("charge", "pulse") if far else ("charge",)):
                 share = Parameter(name="share", unit="1", low=0.0, high=0.2, null=0.0, typical=0.01)
-                across = shape("across", "1", 0.05, 5.0, 0.4, 2.5)
+                across = shape("across", "1", 0.05, 5.0, 0.6)
                 yield Variant(
                     effect=self.id,
                     options={"channel": channel.name, "direction": direction, "leaks": leaks},

@@ -62,9 +62,8 @@ class NoiseExcess(Effect):
             for column in _conditions(view, columns):
                 low, high = view.span(column)
                 for end in ("high", "low"):
-                    knee = shape(
-                        "knee", unit_of(column), low, high, low if end == "high" else high, 0.5 * (low + high)
-                    )
+                    start = low + (0.25 if end == "high" else 0.75) * (high - low)
+                    knee = shape("knee", unit_of(column), low, high, start)
                     ends: dict[str, Option] = {"column": column, "end": end, "reach": high if end == "high" else low}
                     yield self._variant(view, channel.name, {"condition": "rising", **ends}, (knee,))
             for column in split:

@@ -26,12 +26,13 @@ from arl_fixtures.reconcile.view import View
 
 
 class NonLambertian(LightFactor):
-    """I *= 1 + oblique·sin²a + lobe·max(cos 2a, 0)^sharpness, or 1 + facets·tan²a.
+    """I *= 1 + oblique·sin²a + lobe·max(cos 2a, 0)^sharpness, 1 + rough·sin a·tan a, or 1 + facets·tan²a.
 
     On all surfaces, on those of a kind or on one. `oblique` > 0 is a rough surface that stays bright when seen
     obliquely, `lobe` a gloss about normal incidence: light comes back along its way, so the angle to the mirror
-    direction is 2a. Facets of small slopes (their mean square is `facets`) face the light where they stand up. Where
-    reflectances were fitted to the recording, the change is nil on each surface's average.
+    direction is 2a. `rough` is the second term of Oren's and Nayar's law. Facets of small slopes (`facets` is their
+    mean square) face the light where they stand up. Where reflectances were fitted to the recording, the change is
+    nil on each surface's average.
     """
 
     id = "target.non_lambertian"
@@ -57,6 +58,7 @@ class NonLambertian(LightFactor):
                 where = rows_before(column, surface) if told else {"surface": surface.split(TOGETHER)}
                 ways: tuple[tuple[dict[str, Option], tuple[Parameter, ...]], ...] = (
                     ({}, _ROUGH_AND_GLOSSY),
+                    ({"kind": "rough"}, _ROUGH),
                     ({"kind": "facets"}, _FACETS),
                 )
                 for kind, parameters in ways:
@@ -97,6 +99,8 @@ class NonLambertian(LightFactor):
     def expression(self, variant: Variant) -> str:
         """The law."""
         on = f" on {_listed(variant)}" if variant.options["surface"] else ""
+        if variant.options.get("kind") == "rough":
+            return f"{variant.options['channel']} *= 1 + rough * sin(incidence_deg) * tan(incidence_deg){on}"
         if variant.options.get("kind") == "facets":
             return f"{variant.options['channel']} *= 1 + facets * tan(incidence_deg)^2{on}"
         return (
@@ -146,6 +150,8 @@ def _excess(values: Values, sine: FloatArray, tangent: FloatArray, mirror: Float
     """What oblique light and the lobe, or facets, add to Lambert's law, of 1."""
     if "facets" in values:
         return np.asarray(float(values["facets"]) * tangent)
+    if "rough" in values:
+        return np.asarray(float(values["rough"]) * np.sqrt(sine * tangent))
     lobe = float(values["lobe"]) * np.exp(float(values["sharpness"]) * mirror)
     return np.asarray(float(values["oblique"]) * sine + lobe)
 
@@ -157,6 +163,7 @@ _ROUGH_AND_GLOSSY = (
     amplitude("lobe", "1", -0.5, 5.0, 0.05),
     shape("sharpness", "1", 1.0, 200.0, 12.0),
 )
+_ROUGH = (amplitude("rough", "1", -0.5, 2.0, 0.05),)
 _FACETS = (amplitude("facets", "1", 0.0, 1.0, 0.02),)
 _QUANTILES = (np.arange(9) + 0.5) / 9
 

@@ -57,3 +57,26 @@ def test_a_target_that_is_merely_darker_keeps_its_name():
     columns["amplitude_v"] += columns["sim_amplitude_v_std"] / np.sqrt(10.0) * rng.normal(size=900)
     findings = diagnose(columns_of(pa.table(columns)))[0].findings
     assert [f.effect for f in findings] == ["target.reflectance_error"]
+
+
+def oren_nayar(incidence_deg, sigma_rad):
+    """Their qualitative model, source and eye together, against its value at normal incidence."""
+    a, variance = np.radians(incidence_deg), sigma_rad**2
+    level = 1.0 - 0.5 * variance / (variance + 0.33)
+    rise = 0.45 * variance / (variance + 0.09)
+    return (level + rise * np.sin(a) * np.tan(a)) / level
+
+
+def test_oren_and_nayar_s_rough_paint_is_told_with_its_strength():
+    rng = np.random.default_rng(37)
+    columns = panels(rng)
+    bright = oren_nayar(columns["incidence_deg"], 0.05)
+    noise = columns["sim_amplitude_v_std"] / np.sqrt(10.0) * rng.normal(size=900)
+    columns["amplitude_v"] = columns["sim_amplitude_v"] * bright + noise
+    (found,) = diagnose(columns_of(pa.table(columns)))[0].findings
+    assert found.effect == "target.non_lambertian"
+    (rough,) = found.parameters
+    angle = np.radians(60.0)
+    true = (oren_nayar(60.0, 0.05) - 1.0) / (np.sin(angle) * np.tan(angle))
+    assert rough.low < true < rough.high
+    assert true > 2.0 * (rough.high - rough.low)
