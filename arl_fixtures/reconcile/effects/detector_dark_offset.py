@@ -60,7 +60,7 @@ class DarkOffset(Effect):
                     parameters.append(breakdown(view, multiplied))
                     options |= {"bias": multiplied, "highest_bias": view.span(multiplied)[1]}
                 if exposure:
-                    options |= {"exposure": exposure, "longest": view.span(exposure)[1]}
+                    options |= {"exposure": exposure, "longest": rounded(view.span(exposure)[1])}
                 shot, seen = noise_law(view, channel)[1], with_scatter(view, channel)
                 if len(seen) > 1:  # only a scatter that was measured can tell
                     start = shot if shot > 0.0 else 1e-3 * top

@@ -62,7 +62,7 @@ class PileUp(Effect):
             ):  # fmt: skip
                 blocked = [amplitude("blocked", "1", 0.0, 20.0, 0.1)] if kind == "background" else []
                 behind: dict[str, Option] = (
-                    {"background": background, "brightest": view.span(background)[1]} if blocked else {}
+                    {"background": background, "brightest": rounded(view.span(background)[1])} if blocked else {}
                 )
                 yield Variant(
                     effect=self.id,

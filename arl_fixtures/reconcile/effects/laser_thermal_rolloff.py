@@ -15,6 +15,7 @@ from arl_fixtures.reconcile.effects_common import (
     light_channels,
     percent,
     reference,
+    rounded,
     set_light,
     shape,
     signals,
@@ -71,7 +72,7 @@ class ThermalRolloff(LightFactor):
                         shape("exponent", "1", 0.7, 3.0, 1.5),
                         shape("growth", "1/K", 0.0, 4.0 / wide, 0.5 / wide),
                     )
-                    kind = {**kind, "kind": "junction", "top": view.span(currents[0])[1]}
+                    kind = {**kind, "kind": "junction", "top": rounded(view.span(currents[0])[1])}
                     yield self._variant(
                         view, channel, kind, (shift, loss, heating, power, growth, origin), (column, currents[0])
                     )
@@ -98,8 +99,8 @@ class ThermalRolloff(LightFactor):
         return Variant(
             effect=self.id,
             options={
-                "channel": channel, "kind": "own heat", "temperature": column, "current": current, "top": high,
-                "voltage": voltages[0] if voltages else "",
+                "channel": channel, "kind": "own heat", "temperature": column, "current": current,
+                "top": rounded(high), "voltage": voltages[0] if voltages else "",
             },
             parameters=(shift, loss, *drop, power),
             channels=(*light_channels(view, channel), *voltages[:1]),

@@ -64,7 +64,11 @@ class NoiseExcess(Effect):
                 for end in ("high", "low"):
                     start = low + (0.25 if end == "high" else 0.75) * (high - low)
                     knee = shape("knee", unit_of(column), low, high, start)
-                    ends: dict[str, Option] = {"column": column, "end": end, "reach": high if end == "high" else low}
+                    ends: dict[str, Option] = {
+                        "column": column,
+                        "end": end,
+                        "reach": rounded(high if end == "high" else low),
+                    }
                     yield self._variant(view, channel.name, {"condition": "rising", **ends}, (knee,))
             for column in split:
                 low, high = view.span(column)
