@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import threading
+from queue import SimpleQueue
 from typing import NamedTuple, final
 
 
@@ -38,7 +39,8 @@ class Syncer:
         self._descriptor = descriptor
         self._written = self._synced = end
         self._flushing = threading.Lock()
-        self._wanted = threading.Event()
+        # no Event: the exception of a signal may leave it with its lock held, and whoever sets it next waits forever
+        self._wanted: SimpleQueue[None] = SimpleQueue()
         self._thread: threading.Thread | None = None
         self._failure: OSError | None = None
         self._closing = False
@@ -49,7 +51,7 @@ class Syncer:
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name="journal", daemon=True)
             self._thread.start()
-        self._wanted.set()
+        self._wanted.put(None)
 
     def now(self, end: End) -> None:
         """All up to `end` was written; return when it is on the disk.
@@ -81,7 +83,7 @@ class Syncer:
         """End the thread; what it has not flushed by then is not flushed."""
         if self._thread is not None:
             self._closing = True
-            self._wanted.set()
+            self._wanted.put(None)
             self._thread.join()
             self._thread = None
 
@@ -93,8 +95,9 @@ class Syncer:
 
     def _run(self) -> None:
         while True:
-            self._wanted.wait()
-            self._wanted.clear()
+            self._wanted.get()
+            while not self._wanted.empty():
+                self._wanted.get()
             if self._closing:
                 return
             with self._flushing:

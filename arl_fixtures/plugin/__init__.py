@@ -5,8 +5,11 @@ It is loaded by every pytest run where it is installed, so it imports next to no
 
 from __future__ import annotations
 
+import _thread
+import os
 import signal
 import sys
+import threading
 from collections.abc import Generator
 from pathlib import Path
 from types import FrameType
@@ -32,16 +35,33 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Declare the markers; end like Ctrl-C on SIGTERM and SIGHUP, which pytest alone would not survive."""
+    """Declare the markers; end like Ctrl-C on SIGTERM and SIGHUP, which pytest alone would not survive.
+
+    Ctrl-C itself waits, as they do, while a lock is taken or given back, see `_end_like_ctrl_c`.
+    """
     config.addinivalue_line("markers", "cycle: a full aging cycle on the bench")
     config.pluginmanager.register(fixtures, "arl_fixtures_fixtures")
     if getattr(config, "workerinput", None) is None:
         for number in (signal.SIGTERM, signal.SIGHUP):
             if signal.getsignal(number) is signal.SIG_DFL:
                 signal.signal(number, _end_like_ctrl_c)
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            signal.signal(signal.SIGINT, _end_like_ctrl_c)
 
 
-def _end_like_ctrl_c(number: int, _frame: FrameType | None) -> None:
+_TAKING = frozenset(method.__code__ for method in (threading.Condition.__enter__, threading.Condition.__exit__))
+"""Steps of a lock in Python: an exception between them leaves it taken, and whoever closes a file waits for ever."""
+
+
+def _end_like_ctrl_c(number: int, frame: FrameType | None) -> None:
+    inner = frame
+    while inner is not None:
+        if inner.f_code in _TAKING:
+            _thread.start_new_thread(os.kill, (os.getpid(), number))  # again when the lock's step is done
+            return
+        inner = inner.f_back
+    if number == signal.SIGINT:
+        raise KeyboardInterrupt
     raise KeyboardInterrupt(f"signal {signal.Signals(number).name}")
 
 
@@ -71,9 +91,7 @@ def pytest_collection(session: pytest.Session) -> None:
     options = read_options(session.config)
     try:
         profile = load_profile(options.profile)
-        session.config.stash[STEPS_KEY] = [
-            step for cycle in session_cycles(options) for step in profile.steps(cycle)
-        ]
+        session.config.stash[STEPS_KEY] = [step for cycle in session_cycles(options) for step in profile.steps(cycle)]
     except ArlError as error:
         raise pytest.UsageError(str(error)) from None
 

@@ -37,7 +37,9 @@ def test_limits_are_a_file_or_a_name():
 def test_a_bench_that_is_partly_there_keeps_the_addresses_it_has(tmp_path):
     bench = tmp_path / "bench.yaml"
     text = bench_path("emulated").read_text(encoding="utf-8").replace("../duts", str(BUILT_IN.parent / "duts"))
-    text = text.replace("clock: virtual", "clock: real").replace("huber_pb, url: emulated", "huber_pb, url: tcp://h:1")
+    text = text.replace("clock: virtual", "clock: real").replace(
+        "huber_pb, url: emulated", "huber_pb, url: tcp://h:1"
+    )
     bench.write_text(text, encoding="utf-8")
     served = {kind: f"tcp://127.0.0.1:{port}" for port, kind in enumerate(("thermometer", "stage", "relays"))}
     run = tmp_path / "run.yaml"
