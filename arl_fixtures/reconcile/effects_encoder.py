@@ -1,10 +1,16 @@
-"""Channels that read the stage's angle itself: an encoder on the shaft, an autocollimator."""
+"""What an error of the stage's angle shows in: the scene that rows see, or a channel that reads the angle itself.
+
+Such a channel is an encoder on the shaft, or an autocollimator.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from arl_fixtures.reconcile.effects_common import per_table
+from arl_fixtures.reconcile.effect import Option, State, Variant
+from arl_fixtures.reconcile.effects_common import FloatArray, per_table
+from arl_fixtures.reconcile.effects_pointing import by_whole_pixels, scanned_channels, turn_stage, ways_of_looking
+from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.view import View
 
@@ -28,3 +34,23 @@ def encoders(view: View) -> tuple[str, ...]:
         return tuple(found)
 
     return per_table(view, "encoders", make) if view.varies("stage_angle_deg") else ()
+
+
+def ways_of_turning(view: View) -> tuple[dict[str, Option], ...]:
+    """Options of the ways in which the stage's true angle may show: by the scene, and by each encoder."""
+    looking = ways_of_looking(view) if scene(view) is not None else ()
+    return (*looking, *({"channel": name} for name in encoders(view)))
+
+
+def turning_channels(way: dict[str, Option], view: View) -> tuple[str, ...]:
+    """Channels that one of the `ways_of_turning` acts on."""
+    return (str(way["channel"]),) if "channel" in way else scanned_channels(view)
+
+
+def show_turn(variant: Variant, state: State, view: View, turn_deg: FloatArray | float) -> None:
+    """Let the variant's encoder read, or every row see, what it would at stage angle + `turn_deg`."""
+    if "channel" in variant.options:
+        channel = str(variant.options["channel"])
+        state[channel] = state[channel] + turn_deg
+        return
+    turn_stage(view, state, turn_deg, whole=by_whole_pixels(variant))

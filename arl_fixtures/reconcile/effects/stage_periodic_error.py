@@ -6,12 +6,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Effect, Option, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_bench import is_sharp
 from arl_fixtures.reconcile.effects_common import amplitude, period_starts, shape
-from arl_fixtures.reconcile.effects_encoder import encoders
-from arl_fixtures.reconcile.effects_pointing import by_whole_pixels, scanned_channels, turn_stage, ways_of_looking
-from arl_fixtures.reconcile.effects_scene import scene
+from arl_fixtures.reconcile.effects_encoder import show_turn, turning_channels, ways_of_turning
 from arl_fixtures.reconcile.view import View
 
 MANY_PERIODS = 300
@@ -29,8 +27,8 @@ class PeriodicError(Effect):
 
     def variants(self, view: View) -> Iterable[Variant]:
         """One, and one for each encoder; periods from four angle steps to twice the sweep."""
-        read = encoders(view)
-        if not view.varies("stage_angle_deg") or (scene(view) is None and not read):
+        ways = ways_of_turning(view)
+        if not view.varies("stage_angle_deg") or not ways:
             return
         low, high = view.span("stage_angle_deg")
         angles = np.unique(np.round(view.columns.numbers["stage_angle_deg"], 4))
@@ -40,9 +38,6 @@ class PeriodicError(Effect):
         shortest, longest = 4.0 * float(np.median(np.diff(angles))), 1.5 * (high - low)
         if shortest >= 0.8 * longest:
             return
-        looking = ways_of_looking(view) if scene(view) is not None else ()
-        ways: list[dict[str, Option]] = list(looking)
-        ways += [{"channel": channel} for channel in read]
         for way in ways:
             most = MANY_PERIODS if "channel" in way else 24  # without a scene to look up, a period costs nothing
             starts = period_starts(shortest, longest, high - low, most=most)
@@ -54,7 +49,7 @@ class PeriodicError(Effect):
                     amplitude("cosine", "deg", -3.0, 3.0, 0.05),
                     shape("period", "deg", shortest, longest, *starts),
                 ),
-                channels=(str(way["channel"]),) if "channel" in way else scanned_channels(view),
+                channels=turning_channels(way, view),
                 rough=not way and is_sharp(view),
                 drivers=("stage_angle_deg",),
             )
@@ -63,11 +58,7 @@ class PeriodicError(Effect):
         """Looks the scene up at the true angle."""
         phase = 2.0 * np.pi / float(values["period"]) * np.nan_to_num(view.number("stage_angle_deg"))
         error = float(values["sine"]) * np.sin(phase) + float(values["cosine"]) * np.cos(phase)
-        if "channel" in variant.options:
-            channel = str(variant.options["channel"])
-            state[channel] = state[channel] + error
-            return
-        turn_stage(view, state, error, whole=by_whole_pixels(variant))
+        show_turn(variant, state, view, error)
 
     def expression(self, variant: Variant) -> str:
         """The law."""

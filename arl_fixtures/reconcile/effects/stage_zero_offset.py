@@ -7,12 +7,10 @@ from itertools import product
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Effect, Option, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_bench import is_sharp
 from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, per_table
-from arl_fixtures.reconcile.effects_encoder import encoders
-from arl_fixtures.reconcile.effects_pointing import by_whole_pixels, scanned_channels, turn_stage, ways_of_looking
-from arl_fixtures.reconcile.effects_scene import scene
+from arl_fixtures.reconcile.effects_encoder import show_turn, turning_channels, ways_of_turning
 from arl_fixtures.reconcile.view import View
 
 
@@ -28,19 +26,15 @@ class ZeroOffset(Effect):
 
     def variants(self, view: View) -> Iterable[Variant]:
         """A constant; a backlash where angles are approached from both sides."""
-        read = encoders(view)
-        if not view.varies("stage_angle_deg") or (scene(view) is None and not read):
+        if not view.varies("stage_angle_deg"):
             return
         kinds = ("constant", "backlash") if np.unique(travel(view)[travel(view) != 0.0]).size > 1 else ("constant",)
-        looking = ways_of_looking(view) if scene(view) is not None else ()
-        ways: list[dict[str, Option]] = list(looking)
-        ways += [{"channel": channel} for channel in read]
-        for kind, way in product(kinds, ways):
+        for kind, way in product(kinds, ways_of_turning(view)):
             yield Variant(
                 effect=self.id,
                 options={"kind": kind, **way},
                 parameters=(amplitude("zero" if kind == "constant" else "backlash", "deg", -3.0, 3.0, 0.05),),
-                channels=(str(way["channel"]),) if "channel" in way else scanned_channels(view),
+                channels=turning_channels(way, view),
                 rough=not way and is_sharp(view),
                 drivers=("stage_angle_deg",) if kind == "constant" else (*_direction(view), "stage_angle_deg"),
             )
@@ -51,11 +45,7 @@ class ZeroOffset(Effect):
             turn: FloatArray | float = float(values["zero"])
         else:
             turn = 0.5 * float(values["backlash"]) * travel(view)[view.rows]
-        if "channel" in variant.options:
-            channel = str(variant.options["channel"])
-            state[channel] = state[channel] + turn
-            return
-        turn_stage(view, state, turn, whole=by_whole_pixels(variant))
+        show_turn(variant, state, view, turn)
 
     def expression(self, variant: Variant) -> str:
         """The law."""
