@@ -185,10 +185,9 @@ class ThermalRolloff(LightFactor):
         column = str(variant.options["temperature"])
         if variant.options["kind"] == "own heat":
             shift, lost = float(values["threshold_shift"]) * 1e3, -float(np.expm1(-float(values["loss"]))) * 100.0
-            return (
-                f"The laser warms itself: at {float(variant.options['top']):g} A its threshold lies {shift:.1f} mA "
-                f"higher and its slope is {lost:.1f} % less."
-            )
+            moved = f"its threshold lies {shift:.1f} mA higher and " if shift > 0.0 else ""
+            top = float(variant.options["top"])
+            return f"The laser warms itself: at {top:g} A {moved}its slope is {lost:.1f} % less."
         low, high = view.span(column)
         if variant.options["kind"] in _CURVES:
             shift = float(values["threshold_shift"]) * 1e3
