@@ -217,6 +217,12 @@ def less_constants(
     return residual - scale * (summed(scale * residual) / np.maximum(summed(scale**2), 1e-300))[unit]
 
 
+def less_shared(residual: FloatArray, shape: FloatArray, weight: FloatArray, code: IntArray) -> FloatArray:
+    """A residual less what the rows of each group share of it, in proportion to `shape`; all (n,)."""
+    top, bottom = np.bincount(code, weight * shape * residual), np.bincount(code, weight * shape**2)
+    return np.asarray(residual - shape * (top / np.maximum(bottom, 1e-300))[code])
+
+
 def surprise(tau: float, floor: float, freedom: float) -> float:
     """Log-likelihood that a scatter loses because a study of so many degrees of freedom found the floor instead."""
     if freedom == 0.0 or tau <= floor or floor <= 0.0:

@@ -24,6 +24,7 @@ from arl_fixtures.reconcile.lonely import (
     kin_of,
     scatter_beside,
 )
+from arl_fixtures.reconcile.noise import less_shared
 from arl_fixtures.reconcile.problem import ChannelData, Problem
 from arl_fixtures.reconcile.roles import BEARING_SIGNS, PIXEL, Role
 
@@ -138,10 +139,7 @@ class Looker:
         alike = self.problem.groups.unseen_alike
         if alike is not None:
             code = alike[self.problem.view.rows[data.use]]
-            weight = data.root_weight**2
-            top = np.bincount(code, weight * data.scale * residual)
-            bottom = np.bincount(code, weight * data.scale**2)
-            residual = residual - data.scale * (top / np.maximum(bottom, 1e-300))[code]
+            residual = less_shared(residual, data.scale, data.root_weight**2, code)
         return residual
 
     def _set_noise(self, data: ChannelData, left: FloatArray) -> None:

@@ -14,7 +14,16 @@ from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.estimated_noise import estimated_error, noise_quantities
 from arl_fixtures.reconcile.grouping import Groups, find_groups
 from arl_fixtures.reconcile.mixed_model import UnitConstants
-from arl_fixtures.reconcile.noise import Level, Whitener, fit_tau, less_constants, level_of, surprise, unnoticed
+from arl_fixtures.reconcile.noise import (
+    Level,
+    Whitener,
+    fit_tau,
+    less_constants,
+    less_shared,
+    level_of,
+    surprise,
+    unnoticed,
+)
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.stated import shortfall, stated_error
 from arl_fixtures.reconcile.view import View
@@ -26,6 +35,8 @@ SCATTER_STEPS = 0.005
 """Share by which the scatter of frames differs from step to step at rest; it counts like a declared one."""
 ZERO_SHARE = 0.02
 """Standard deviation of a calibrated signal's zero beside an effect, as a share of the median signal."""
+ALIKE = 1e-6
+"""Share of a constant's square that is left beside what steps share, below which the two are one."""
 CALIBRATED = (Role.INTENSITY, Role.DISTANCE)
 """Roles whose gain or offset a user calibrates per unit: a constant of theirs carries no finding."""
 
@@ -221,15 +232,23 @@ class ChannelData:
         step = next((other for other in self.levels if other.name == "step"), None)
         known = step is not None and step.declared and level is not step and level.is_crossed(step)
         if step is not None and (level.name == "frame" or known):
-            weight = self.root_weight**2
-            top = np.bincount(step.code, weight * self.scale * centred, minlength=step.count)
-            bottom = np.bincount(step.code, weight * self.scale**2, minlength=step.count)
-            centred = centred - self.scale * (top / np.maximum(bottom, 1e-300))[step.code]
+            centred = self._beside_steps(step, centred)
             count = float(step.count) if level.name == "frame" else max(count, 1.0)
         elif level.name == "step":
             count += lost
         sums, weight = partial.group_sums(centred, level.name)
         return fit_tau(sums, weight, floor=level.floor, lost=min(count, level.count / 2.0), freedom=level.freedom)
+
+    def _beside_steps(self, step: Level, centred: FloatArray) -> FloatArray:
+        """A residual beside what each step shares: in counts maybe, where the constant of a unit is a gain."""
+        weight = self.root_weight**2
+        centred = less_shared(centred, step.scale, weight, step.code)
+        if step.scale is self.scale or not self.calibrated:
+            return centred
+        slope = less_shared(self.scale, step.scale, weight, step.code)
+        if float(weight @ slope**2) < ALIKE * float(weight @ self.scale**2):
+            return centred
+        return less_constants(centred, slope, weight, self.unit, zero=False)
 
     def fit_scatter(
         self, residual: FloatArray, *, lost: float = 0.0, without: tuple[str, ...] = ()

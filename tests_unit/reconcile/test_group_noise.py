@@ -9,6 +9,7 @@ from scipy import stats
 
 from arl_fixtures.reconcile.noise import GAUGE_FREEDOM, Level, Whitener, fit_tau, surprise
 from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
 
 
@@ -104,3 +105,24 @@ def test_pixels_that_see_more_of_one_step_than_of_another_do_not_seem_to_differ(
     error = 2.0 / 800.0 / np.sqrt(6.5)  # of a pixel's mean
     assert tau["pixel"] < 0.5 * error
     assert 0.6 < tau["step"] < 1.6
+
+
+def test_a_repeatability_in_counts_makes_neither_pixels_nor_images_differ_nor_a_unit():
+    """What a step shares is an offset here, what calibration frees of a unit is a gain: signals differ thirtyfold."""
+    rng = np.random.default_rng(31)
+    dut, step, angle, pixel = (part.ravel() for part in np.mgrid[0:3, 0:15, 0:3, 0:48])
+    sim = np.where(pixel < 30, 110.0, np.where(pixel < 36, 700.0, 3100.0)) * (1.0 + 0.1 * rng.random(48)[pixel])
+    noise = np.sqrt(25.0 + 0.3 * sim)
+    off = rng.normal(0.0, 6.0, (3, 15))
+    off[2] += 4.0 - off[2].mean()  # two and a half standard errors: a unit that chance put above the others
+    seen = sim + off[dut, step] + noise * rng.normal(size=sim.size) / np.sqrt(10.0)
+    table = pa.table({
+        "dut": np.array(["a", "b", "c"])[dut], "step": step, "stage_angle_deg": 7.5 * angle, "pixel_u": pixel,
+        "n_frames": np.full(sim.size, 10), "sim_intensity_counts": sim, "intensity_counts": seen,
+        "sim_intensity_counts_std": noise, "sim_intensity_counts_repeat_std": np.full(sim.size, 6.0),
+    })  # fmt: skip
+    problem = Problem(columns_of(table))
+    (data,) = problem.data
+    _, tau = data.fit_scatter(data.residual(problem.view.fresh_state()))
+    assert max(tau["pixel"], tau["frame"], tau["angle"]) < 1e-3  # the error of one image's gain
+    assert diagnose(columns_of(table))[0].verdict == "consistent"
