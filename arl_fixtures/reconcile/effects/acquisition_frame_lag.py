@@ -279,10 +279,19 @@ def _settle(variant: Variant, values: Values, state: State, view: View) -> None:
             state[scatter] = np.sqrt(state[scatter] ** 2 + np.maximum(np.nan_to_num(wide), 0.0))
 
 
-def _missing_before(view: View) -> FloatArray:
-    """Way back to the stage position before, degrees, where the table has others of the sweep but lacks this one.
+def _logged_before(view: View) -> FloatArray:
+    """Stage angle before each row of the whole table, where a column says it; not finite where none does."""
+    for name, values in sorted(view.columns.numbers.items()):
+        if "stage_angle" in name and any(word in name for word in ("prev", "last", "before", "earlier")):
+            return values
+    return np.full(view.columns.n, np.nan)
 
-    It then lies a half or a third of the way to the one before it, by the time that passed. Zero elsewhere.
+
+def _missing_before(view: View) -> FloatArray:
+    """Way back to the stage position before, degrees, where the table lacks what the same ray saw there; else zero.
+
+    Other rays may have been there, or a column says where the stage was. Where neither tells, it lies a half or a
+    third of the way to the one before it, by the time that passed.
     """
 
     def make() -> FloatArray:
@@ -293,8 +302,15 @@ def _missing_before(view: View) -> FloatArray:
         far = np.where(place >= 0, np.abs(order[place] - order[view.rows]) * GAP_SHARE / longest, 0.0)
         steps = np.rint(far)  # of the usual size
         lacking = (view.acquired_place(1) < 0) & (steps > 1.0) & (steps <= _MOST_LACKING)
-        back = view.take_number("stage_angle_deg", place) - view.number("stage_angle_deg")
-        return np.asarray(np.where(lacking, np.nan_to_num(back) / np.maximum(steps, 1.0), 0.0))
+        angle = view.number("stage_angle_deg")
+        back = view.take_number("stage_angle_deg", place) - angle
+        guessed = np.where(lacking, np.nan_to_num(back) / np.maximum(steps, 1.0), 0.0)
+        told = _logged_before(view)[view.rows] - angle
+        if not np.isfinite(told).any():
+            told = _way_back(view, _longest_s(view)).back_deg[view.rows]
+        told = np.nan_to_num(told)
+        own = view.take_number("stage_angle_deg", view.acquired_place(1)) - angle
+        return np.asarray(np.where(told == 0.0, guessed, np.where(np.abs(own - told) <= _SAME_DEG, 0.0, told)))
 
     return per_view(view, "missing before", make)
 
@@ -303,7 +319,8 @@ def _on_the_way(view: View) -> dict[str, list[FloatArray]]:
     """By channel, at each of `_PLACES`: ratio of a signal and difference of a distance to the row's own position."""
     place = view.acquired_place(1)
     before = view.take_number("stage_angle_deg", place)
-    back = np.nan_to_num(before - view.number("stage_angle_deg")) + _missing_before(view)
+    missing = _missing_before(view)
+    back = np.where(missing != 0.0, missing, np.nan_to_num(before - view.number("stage_angle_deg")))
     names = (*signals(view), *distances(view))
     seen: dict[str, list[FloatArray]] = {name: [] for name in names}
     for share in _PLACES:

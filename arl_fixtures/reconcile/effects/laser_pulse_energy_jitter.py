@@ -7,7 +7,15 @@ from collections.abc import Iterable
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
-from arl_fixtures.reconcile.effects_common import amplitude, signals
+from arl_fixtures.reconcile.effects_common import (
+    age_drivers,
+    amplitude,
+    rounded,
+    shape,
+    signals,
+    temperature_drivers,
+)
+from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
 _NUMBERS = ("frame", "shot", "pulse", "frame_number", "shot_number", "pulse_number", "frame_index", "shot_index")
@@ -17,6 +25,8 @@ _NUMBERS = ("frame", "shot", "pulse", "frame_number", "shot_number", "pulse_numb
 class PulseEnergyJitter(Effect):
     """σ_I² += (jitter · I)²: the pulse's energy scatters, so every pixel scatters in proportion to its signal.
 
+    It may be worst at one end of the laser's current (the threshold), of its temperature or of its age, at `worst`,
+    and fade from there: jitter · exp(−|x − worst| / fade).
     Where rows are single frames nothing tells their scatter, but all rows of a frame are off together ("pulses").
     """
 
@@ -38,6 +48,16 @@ class PulseEnergyJitter(Effect):
                     channels=(f"{channel}_std",),
                     drivers=(f"sim_{channel}",),
                 )
+                for column, end in _ends(view):
+                    low, high = view.span(column)
+                    fade = shape("fade", unit_of(column), 0.05 * (high - low), 3.0 * (high - low), 0.5 * (high - low))
+                    yield Variant(
+                        effect=self.id,
+                        options={"channel": channel, "column": column, "worst": rounded((low, high)[end])},
+                        parameters=(amplitude("jitter", "1", 0.0, 0.5, 0.01), fade),
+                        channels=(f"{channel}_std",),
+                        drivers=(column, f"sim_{channel}"),
+                    )
                 continue
             number = next((name for name in _NUMBERS if view.varies(name)), "")
             if number and (not view.has("n_frames") or view.middle("n_frames") <= 1.0):
@@ -55,6 +75,9 @@ class PulseEnergyJitter(Effect):
         if "group" in variant.options:
             return  # no mean moves
         light = np.nan_to_num(state[channel])
+        if "column" in variant.options:
+            away = np.abs(view.number(str(variant.options["column"])) - float(variant.options["worst"]))
+            light = light * np.nan_to_num(np.exp(-away / float(values["fade"])))
         state[f"{channel}_std"] = np.sqrt(state[f"{channel}_std"] ** 2 + (float(values["jitter"]) * light) ** 2)
 
     def expression(self, variant: Variant) -> str:
@@ -62,13 +85,19 @@ class PulseEnergyJitter(Effect):
         channel = variant.options["channel"]
         if "group" in variant.options:
             return f"{channel} *= 1 + one random value for every frame, of standard deviation jitter"
+        if "column" in variant.options:
+            faded = f"exp(-|{variant.options['column']} - {variant.options['worst']}| / fade)"
+            return f"{channel}_std^2 += (jitter * {channel} * {faded})^2"
         return f"{channel}_std^2 += (jitter * {channel})^2"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Jitter in percent."""
+        where = ""
+        if "column" in variant.options:
+            where = f" where {variant.options['column']} is {variant.options['worst']}, less elsewhere"
         return (
             f"The laser's pulse energy scatters by {values['jitter'] * 100:.2f} % from pulse to pulse (all pixels at "
-            "once)."
+            f"once){where}."
         )
 
     def next_experiment(self, variant: Variant) -> str:
@@ -77,3 +106,11 @@ class PulseEnergyJitter(Effect):
             "Correlate pixels over the single frames of one angle: pulse energy moves all of them together, read-out "
             "noise each for itself."
         )
+
+
+def _ends(view: View) -> list[tuple[str, int]]:
+    """Columns at one end of which a laser runs worst, and which: its current 0 (low), its temperature and age 1."""
+    currents = [(name, 0) for name in view.covariates("_a") if "tec" not in name]
+    warm = [(name, 1) for name in temperature_drivers(view, "laser_temperature_c", limit=1)]
+    old = [(name, 1) for name in age_drivers(view) if name != "time_s"]
+    return [*currents[:1], *warm, *old[:1]]

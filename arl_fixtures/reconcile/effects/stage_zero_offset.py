@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effect import Effect, Option, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_bench import is_sharp
 from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, per_table
 from arl_fixtures.reconcile.effects_encoder import show_turn, turning_channels, ways_of_turning
@@ -15,7 +15,11 @@ from arl_fixtures.reconcile.view import View
 
 
 class ZeroOffset(Effect):
-    """Every row sees the scene at stage angle + zero (+ backlash · ½·sign of travel)."""
+    """Every row sees the scene at stage angle + zero, or + backlash · ½·sign of travel.
+
+    Where the angle is right for one direction, the other alone is off: + backlash where the stage came upwards, or
+    where it came downwards (`side`).
+    """
 
     id = "stage.zero_offset"
     stage = Stage.BOOKKEEPING
@@ -28,11 +32,14 @@ class ZeroOffset(Effect):
         """A constant; a backlash where angles are approached from both sides."""
         if not view.varies("stage_angle_deg"):
             return
-        kinds = ("constant", "backlash") if np.unique(travel(view)[travel(view) != 0.0]).size > 1 else ("constant",)
-        for kind, way in product(kinds, ways_of_turning(view)):
+        both = np.unique(travel(view)[travel(view) != 0.0]).size > 1
+        kinds: list[dict[str, Option]] = [{"kind": "constant"}]
+        kinds += [{"kind": "backlash", **side} for side in ({}, {"side": "up"}, {"side": "down"})] if both else []
+        for told, way in product(kinds, ways_of_turning(view)):
+            kind = told["kind"]
             yield Variant(
                 effect=self.id,
-                options={"kind": kind, **way},
+                options={**told, **way},
                 parameters=(amplitude("zero" if kind == "constant" else "backlash", "deg", -3.0, 3.0, 0.05),),
                 channels=turning_channels(way, view),
                 rough=not way and is_sharp(view),
@@ -44,17 +51,17 @@ class ZeroOffset(Effect):
         if variant.options["kind"] == "constant":
             turn: FloatArray | float = float(values["zero"])
         else:
-            turn = 0.5 * float(values["backlash"]) * travel(view)[view.rows]
+            turn = float(values["backlash"]) * _part(variant) * _counted(variant, travel(view)[view.rows])
         show_turn(variant, state, view, turn)
 
     def expression(self, variant: Variant) -> str:
         """The law."""
+        added = "zero" if variant.options["kind"] == "constant" else "backlash / 2 * sign of travel"
+        if "side" in variant.options:
+            added = f"backlash * [came {variant.options['side']}wards]"
         if "channel" in variant.options:
-            added = "zero" if variant.options["kind"] == "constant" else "backlash / 2 * sign of travel"
             return f"{variant.options['channel']} += {added}"
-        if variant.options["kind"] == "constant":
-            return "every channel = simulation at stage_angle_deg + zero"
-        return "every channel = simulation at stage_angle_deg + backlash / 2 * sign of travel"
+        return f"every channel = simulation at stage_angle_deg + {added}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """The offset."""
@@ -71,6 +78,17 @@ class ZeroOffset(Effect):
             "changes "
             "sign, a mounting error differs from DUT to DUT."
         )
+
+
+def _part(variant: Variant) -> float:
+    """Share of the backlash that a direction of travel has."""
+    return 1.0 if "side" in variant.options else 0.5
+
+
+def _counted(variant: Variant, way: FloatArray) -> FloatArray:
+    """Sign of travel where both directions are off, else 1 for the one that is."""
+    side = variant.options.get("side")
+    return way if side is None else np.asarray(way == (1.0 if side == "up" else -1.0), dtype=np.float64)
 
 
 def _direction(view: View) -> tuple[str, ...]:
