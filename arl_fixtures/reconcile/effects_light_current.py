@@ -12,11 +12,22 @@ _END = 0.1
 _FEWEST = 6
 """Currents from which a device has a curve of its own at a temperature."""
 
+_LEAST_RANGE, _MOST_LEVELS, _OFTEN = 0.03, 12, 20
+"""Range of a current that is driven to few levels over its highest, their number, and rows that each has."""
+
 
 def is_swept(view: View, current: str) -> bool:
-    """Whether the current is driven through a range, rather than scattering about its set value."""
+    """Whether the current is driven through a range, rather than scattering about its set value.
+
+    A narrow range is driven where its few levels come back to the last digit.
+    """
     low, high = view.span(current)
-    return (high - low) > 0.3 * max(abs(high), abs(low))
+    most = max(abs(high), abs(low))
+    if high - low > 0.3 * most:
+        return True
+    values = view.columns.numbers[current]
+    levels = np.unique(values[np.isfinite(values)])
+    return high - low > _LEAST_RANGE * most and 1 < levels.size <= _MOST_LEVELS and _OFTEN * levels.size < values.size
 
 
 def light_current(view: View, channel: str, current: str) -> tuple[FloatArray, FloatArray]:

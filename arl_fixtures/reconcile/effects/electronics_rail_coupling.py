@@ -13,6 +13,7 @@ from arl_fixtures.reconcile.effects_common import (
     amplitude,
     light_channels,
     rounded,
+    shape,
     signals,
     span,
 )
@@ -20,10 +21,15 @@ from arl_fixtures.reconcile.effects_logged import is_noisy, step_mean
 from arl_fixtures.reconcile.view import View
 
 _MOST_RAILS = 8
+_FEWEST_LEVELS = 6
+"""Different readings of a rail from which a drop-out is told from a straight line."""
 
 
 class RailCoupling(LightFactor):
-    """I *= 1 + coupling·(V − V_median) / V_median, one supply rail at a time."""
+    """I *= 1 + coupling·(V − V_median) / V_median, one supply rail at a time.
+
+    A regulator rejects its supply down to the drop-out: I *= 1 + coupling·min(V − knee, 0) / V_median.
+    """
 
     id = "electronics.rail_coupling"
     stage = Stage.DETECTOR
@@ -49,26 +55,42 @@ class RailCoupling(LightFactor):
                         channels=light_channels(view, channel),
                         drivers=(rail,),
                     )
+                low, high = view.span(rail)
+                if np.unique(view.number(rail)).size < _FEWEST_LEVELS:
+                    continue
+                knee = shape("knee", "V", low, high, low + 0.75 * (high - low), low + 0.4 * (high - low))
+                yield Variant(
+                    effect=self.id,
+                    options={"channel": channel, "rail": rail, "reading": "drop-out", "reference": middle},
+                    parameters=(amplitude("coupling", "1", -most, most, 0.02 * most), knee),
+                    channels=light_channels(view, channel),
+                    drivers=(rail,),
+                )
 
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Relative gain at the row's supply."""
         middle = float(variant.options["reference"])
         rail = str(variant.options["rail"])
         volts = step_mean(view, rail) if variant.options["reading"] == "step mean" else view.number(rail)
+        if "knee" in values:
+            volts = np.minimum(volts - float(values["knee"]), 0.0) + middle
         deviation = np.nan_to_num(volts / middle - 1.0)
         return np.maximum(1.0 + float(values["coupling"]) * deviation, 0.01)
 
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel, rail, middle = (variant.options[key] for key in ("channel", "rail", "reference"))
+        if variant.options["reading"] == "drop-out":
+            return f"{channel} *= 1 + coupling * min({rail} - knee, 0) / {middle}"
         return f"{channel} *= 1 + coupling * ({rail} / {middle} - 1)"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Coupling in percent per percent."""
         change = self.change(variant, values, view)
+        below = f" below {values['knee']:.4g} V" if "knee" in values else ""
         return (
-            f"The gain follows {variant.options['rail']}: {values['coupling']:+.2f} % per percent of the supply; its "
-            f"deviations change the signal between {change[0]:+.2f} and {change[1]:+.2f} %."
+            f"The gain follows {variant.options['rail']}{below}: {values['coupling']:+.2f} % per percent of the "
+            f"supply; its deviations change the signal between {change[0]:+.2f} and {change[1]:+.2f} %."
         )
 
     def next_experiment(self, variant: Variant) -> str:

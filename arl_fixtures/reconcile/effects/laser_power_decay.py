@@ -29,6 +29,8 @@ from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
 _BOLTZMANN_EV = 8.617e-5
+_FEWEST_STRESSED, _KEPT = 3, 0.05
+"""Units that age at temperatures of their own, and how far each may leave its own, over what they differ by."""
 FEWEST_UNITS, MOST_UNITS = 3, 16
 """Units of which each may age at its own pace: of two the one is told by a loss of its own."""
 
@@ -38,8 +40,9 @@ class PowerDecay(LightFactor):
 
     * age: a column that counts it; of one that counts cycles also with the time within the cycle as a part of one.
     * each (where several units age): every unit loses its own share, by one exponent.
+    * stress (where each unit ages at a temperature of its own): loss · exp(−E/k·(1/T − 1/T_ref)) · age^exponent.
     * curve (where a drive current is swept): I(J) = exp(−loss·a^exponent) · I_sim(J − threshold_rise·a^exponent):
-      what is lost in the cavity raises the threshold and lowers the slope.
+      what is lost in the cavity raises the threshold and lowers the slope. Also with the weighted age for a^exponent.
     """
 
     id = "laser.power_decay"
@@ -73,35 +76,53 @@ class PowerDecay(LightFactor):
                         channels=light_channels(view, channel),
                         drivers=(column, "time_s"),
                     )
-                for current in currents[:1]:
-                    reach = float(np.subtract(*view.span(current)[::-1]))
-                    rise = amplitude("threshold_rise", "A", 0.0, reach, 0.02 * reach)
-                    yield Variant(
-                        effect=self.id,
-                        options={**plain, **age_options(view, column), "current": current},
-                        parameters=(rise, loss, exponent),
-                        channels=light_channels(view, channel),
-                        drivers=(column, current),
-                    )
+                stress = _stress(view)
+                for rise, driven in _driven(view, currents):
+                    if rise:
+                        yield Variant(
+                            effect=self.id,
+                            options={**plain, **age_options(view, column), **driven},
+                            parameters=(*rise, loss, exponent),
+                            channels=light_channels(view, channel),
+                            drivers=(column, *map(str, driven.values())),
+                        )
+                    if stress:
+                        yield Variant(
+                            effect=self.id,
+                            options={**plain, **age_options(view, column), **stress, **driven},
+                            parameters=(*rise, loss, exponent, shape("activation_energy", "eV", 0.05, 1.5, 0.5)),
+                            channels=light_channels(view, channel),
+                            drivers=(column, str(stress["stress"]), *map(str, driven.values())),
+                        )
             housing = [name for name in warm if not name.startswith("laser_")]
             if housing and history(view, housing[0]) is not None:
                 column = time_column(view)
+                weighted: dict[str, Option] = {
+                    "channel": channel,
+                    "age": column,
+                    "temperature": housing[0],
+                    "reference": rounded(view.middle(housing[0])),
+                    **age_options(view, column),
+                }
+                loss, energy = (
+                    amplitude("loss", "1", 0.0, 3.0, 0.05),
+                    shape("activation_energy", "eV", 0.1, 1.2, 0.5),
+                )
                 yield Variant(
                     effect=self.id,
-                    options={
-                        "channel": channel,
-                        "age": column,
-                        "temperature": housing[0],
-                        "reference": rounded(view.middle(housing[0])),
-                        **age_options(view, column),
-                    },
-                    parameters=(
-                        amplitude("loss", "1", 0.0, 3.0, 0.05),
-                        shape("activation_energy", "eV", 0.1, 1.2, 0.5),
-                    ),
+                    options=weighted,
+                    parameters=(loss, energy),
                     channels=light_channels(view, channel),
                     drivers=(column, housing[0]),
                 )
+                for rise, driven in _driven(view, currents)[1:]:
+                    yield Variant(
+                        effect=self.id,
+                        options={**weighted, **driven},
+                        parameters=(*rise, loss, energy),
+                        channels=light_channels(view, channel),
+                        drivers=(column, housing[0], *map(str, driven.values())),
+                    )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Moves the light-current curve where there is one, then multiplies the light."""
@@ -109,37 +130,36 @@ class PowerDecay(LightFactor):
             super().apply(variant, values, state, view)
             return
         channel, current = str(variant.options["channel"]), str(variant.options["current"])
-        rise = float(values["threshold_rise"]) * _age(variant, values, view)
+        rise = float(values["threshold_rise"]) * _worn(variant, values, view)
         light = state[channel] + shifted(view, channel, current, "", rise)
         set_light(view, state, channel, light * self.factor(variant, values, view))
 
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Relative power at the row's age, but for a threshold."""
-        if variant.options["temperature"]:
-            record = history(view, str(variant.options["temperature"]))
-            if record is None:
-                return np.ones(view.n)
-            length = float(variant.options["last"]) - float(variant.options["first"])
-            origin = float(variant.options["reference"])
-            worn = on_rows(view, _wear(record, float(values["activation_energy"]), origin)) / length
-            return np.exp(-np.minimum(float(values["loss"]) * worn, 20.0))
-        return np.asarray(np.exp(-np.minimum(_loss(variant, values, view) * _age(variant, values, view), 20.0)))
+        lost = _loss(variant, values, view) * _worn(variant, values, view)
+        return np.asarray(np.exp(-np.minimum(lost, 20.0)))
 
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel, column = variant.options["channel"], variant.options["age"]
         if variant.options["temperature"]:
-            warm = variant.options["temperature"]
+            warm, law = variant.options["temperature"], f"{channel} *= exp(-loss * W)"
+            if "current" in variant.options:
+                law = f"{channel} = {channel}({variant.options['current']} - threshold_rise * W), then {law}"
             return (
-                f"{channel} *= exp(-loss * W), W = time weighted by exp(-activation_energy / k {warm}), "
+                f"{law}, W = time weighted by exp(-activation_energy / k {warm}), "
                 f"1 = the record's length at {variant.options['reference']} °C"
             )
         if "within" in variant.options:
             column = f"{column} + {variant.options['within']} / {variant.options['period']:g}"
+        grown = "a^exponent"
+        if "stress" in variant.options:
+            stress, origin = variant.options["stress"], variant.options["reference"]
+            grown += f" * exp(activation_energy / k (1 / {origin} - 1 / {stress})) (temperatures in kelvin)"
         loss = "loss[dut]" if "units" in variant.options else "loss"
-        law = f"{channel} *= exp(-{loss} * a^exponent), a = {column} from 0 (first) to 1 (last)"
+        law = f"{channel} *= exp(-{loss} * {grown}), a = {column} from 0 (first) to 1 (last)"
         if "current" in variant.options:
-            law = f"{channel} = {channel}({variant.options['current']} - threshold_rise * a^exponent), then {law}"
+            law = f"{channel} = {channel}({variant.options['current']} - threshold_rise * {grown}), then {law}"
         return law
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
@@ -202,6 +222,47 @@ def _running_options(view: View) -> dict[str, Option]:
     running = numbers["cycle"] + numbers["time_s"] / period
     low, high = float(np.nanmin(running)), float(np.nanmax(running))
     return {"first": rounded(low), "last": rounded(high), "within": "time_s", "period": period}
+
+
+def _driven(view: View, currents: list[str]) -> list[tuple[tuple[Parameter, ...], dict[str, Option]]]:
+    """Without and, where a drive current is swept, with a threshold that rises: its parameter and option."""
+    ways: list[tuple[tuple[Parameter, ...], dict[str, Option]]] = [((), {})]
+    for current in currents[:1]:
+        low, high = view.span(current)
+        ways.append(((amplitude("threshold_rise", "A", 0.0, high - low, 0.02 * (high - low)),), {"current": current}))
+    return ways
+
+
+def _stress(view: View) -> dict[str, Option]:
+    """Options of a temperature that each unit keeps to itself while it ages, of three at least; else none."""
+    if len(view.labels("dut")) < _FEWEST_STRESSED:
+        return {}
+    code = view.columns.group("dut")
+    for name in view.temperatures():
+        values = view.columns.numbers[name]
+        good = np.isfinite(values)
+        count = np.maximum(np.bincount(code[good]), 1)
+        mean = np.bincount(code[good], values[good]) / count
+        if np.ptp(mean) > 0.0 and float(np.std(values[good] - mean[code[good]])) < _KEPT * float(np.ptp(mean)):
+            return {"stress": name, "reference": rounded(view.middle(name))}
+    return {}
+
+
+def _worn(variant: Variant, values: Values, view: View) -> FloatArray:
+    """Age that has worn the laser on every row, 1 at the end: to a power, or weighted by the temperature."""
+    if "stress" in variant.options:
+        kelvin = np.maximum(view.number(str(variant.options["stress"])) + 273.15, 150.0)
+        warmer = 1.0 / (float(variant.options["reference"]) + 273.15) - 1.0 / kelvin
+        faster = np.exp(np.clip(float(values["activation_energy"]) / _BOLTZMANN_EV * warmer, -30.0, 30.0))
+        return np.asarray(_age(variant, values, view) * np.nan_to_num(faster))
+    if not variant.options["temperature"]:
+        return _age(variant, values, view)
+    record = history(view, str(variant.options["temperature"]))
+    if record is None:
+        return np.zeros(view.n)
+    length = float(variant.options["last"]) - float(variant.options["first"])
+    origin = float(variant.options["reference"])
+    return np.asarray(on_rows(view, _wear(record, float(values["activation_energy"]), origin)) / length)
 
 
 def _age(variant: Variant, values: Values, view: View) -> FloatArray:

@@ -37,8 +37,9 @@ class ThermalRolloff(LightFactor):
       power over a threshold current that grows exponentially with temperature.
     * knee: I *= exp(−slope·max(T − knee, 0)): the cooler holds the laser until the housing is too warm.
     * curve (where a drive current varies): I(J) = exp(−loss·ΔT) · I_sim(J − threshold_shift·ΔT).
-    * own heat (likewise): the same with h = (J / J_top)^exponent for ΔT, what the laser turns into heat at a current;
-      a diode's voltage falls with its junction's temperature, by voltage_drop·h.
+    * own heat (likewise): the same with h = (J / J_top)^exponent for ΔT, what the laser turns into heat at a current
+      (times its duty cycle where that varies); a diode's voltage falls with its junction's temperature, by
+      voltage_drop·h.
     * junction (where both vary): the curve with θ = ΔT + heating·(J / J_top)^exponent for ΔT, and a threshold that
       grows exponentially, threshold_shift·(exp(growth·θ) − 1) / growth.
     """
@@ -72,7 +73,7 @@ class ThermalRolloff(LightFactor):
                         shape("exponent", "1", 0.7, 3.0, 1.5),
                         shape("growth", "1/K", 0.0, 4.0 / wide, 0.5 / wide),
                     )
-                    kind = {**kind, "kind": "junction", "top": rounded(view.span(currents[0])[1])}
+                    kind = {**kind, "kind": "junction", "top": rounded(view.span(currents[0])[1]), **_duty(view)}
                     yield self._variant(
                         view, channel, kind, (shift, loss, heating, power, growth, origin), (column, currents[0])
                     )
@@ -100,11 +101,11 @@ class ThermalRolloff(LightFactor):
             effect=self.id,
             options={
                 "channel": channel, "kind": "own heat", "temperature": column, "current": current,
-                "top": rounded(high), "voltage": voltages[0] if voltages else "",
+                "top": rounded(high), "voltage": voltages[0] if voltages else "", **_duty(view),
             },
             parameters=(shift, loss, *drop, power),
             channels=(*light_channels(view, channel), *voltages[:1]),
-            drivers=(current,),
+            drivers=(current, *(str(name) for key, name in _duty(view).items() if key == "duty")),
         )  # fmt: skip
 
     def _variant(
@@ -165,7 +166,7 @@ class ThermalRolloff(LightFactor):
             return f"{channel} *= exp(-slope * max({column} - knee, 0))"
         if variant.options["kind"] == "own heat":
             current, voltage = variant.options["current"], variant.options["voltage"]
-            heat = f"h = ({current} / {variant.options['top']})^exponent"
+            heat = f"h = ({current} / {variant.options['top']})^exponent{_while_on(variant)}"
             law = f"{channel}({current}) = exp(-loss * h) * sim_{channel}({current} - threshold_shift * h), {heat}"
             return f"{law}; {voltage} -= voltage_drop * h" if voltage else law
         if variant.options["kind"] == "curve":
@@ -174,7 +175,8 @@ class ThermalRolloff(LightFactor):
             return f"{channel}({current}) = exp(-loss * {warm}) * sim_{channel}({current} - threshold_shift * {warm})"
         if variant.options["kind"] == "junction":
             current = variant.options["current"]
-            warm = f"w = {column} - reference + heating * ({current} / {variant.options['top']})^exponent"
+            heat = f"({current} / {variant.options['top']})^exponent{_while_on(variant)}"
+            warm = f"w = {column} - reference + heating * {heat}"
             moved = f"sim_{channel}({current} - threshold_shift * (exp(growth * w) - 1) / growth)"
             return f"{channel}({current}) = exp(-loss * w) * {moved}, {warm}"
         origin = variant.options["reference"]
@@ -251,4 +253,19 @@ def _own_heat(variant: Variant, values: Values, view: View) -> FloatArray:
     share = np.maximum(np.nan_to_num(view.number(str(variant.options["current"]))), 0.0) / float(
         variant.options["top"]
     )
-    return np.asarray(np.clip(share, 0.0, 10.0) ** float(values["exponent"]))
+    heat = np.clip(share, 0.0, 10.0) ** float(values["exponent"])
+    if "duty" in variant.options:
+        heat = heat * np.nan_to_num(view.number(str(variant.options["duty"]))) / float(variant.options["longest"])
+    return np.asarray(heat)
+
+
+def _duty(view: View) -> dict[str, Option]:
+    """Options of the column that says for which share of the time a laser is on, and its longest."""
+    for name in view.covariates():
+        if name.startswith("duty") and unit_of(name) == "1" and view.span(name)[0] >= 0.0:
+            return {"duty": name, "longest": rounded(view.span(name)[1])}
+    return {}
+
+
+def _while_on(variant: Variant) -> str:
+    return f" * {variant.options['duty']} / {variant.options['longest']}" if "duty" in variant.options else ""

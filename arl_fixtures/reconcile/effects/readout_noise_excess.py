@@ -12,13 +12,12 @@ from arl_fixtures.reconcile.effect import Effect, Option, Parameter, Stage, Stat
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     amplitude,
-    is_of_bench,
     per_table,
     rounded,
     shape,
     temperature_drivers,
 )
-from arl_fixtures.reconcile.grouping import DEVICE_WORDS, UNIT_WORDS
+from arl_fixtures.reconcile.grouping import DEVICE_WORDS, DRIVES, UNIT_WORDS
 from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.view import View
 
@@ -185,18 +184,19 @@ def _switches(view: View) -> list[tuple[str, str]]:
 
 
 _NO_CAUSE = ("azimuth_deg", "elevation_deg", "incidence_deg", "reflectance", "stage_angle_deg", "time_s", *_NO_SWITCH)
-_MOST_CONDITIONS, _FEWEST_LEVELS = 4, 4
+_MOST_CONDITIONS, _FEWEST_LEVELS = 5, 4
 
 
 def _conditions(view: View, temperatures: tuple[str, ...]) -> list[str]:
-    """Conditions that scatter may rise with beside the temperature: the range before others, few of them."""
+    """Conditions that scatter may rise with beside the temperature: the range, what is no current or voltage, few."""
 
     def make() -> list[str]:
         names = [
             name for name in view.covariates()
-            if name not in (*_NO_CAUSE, *temperatures) and not is_of_bench(name) and not name.endswith(("_c", "_std"))
+            if name not in (*_NO_CAUSE, *temperatures) and not name.endswith(("_c", "_std"))
         ]  # fmt: skip
-        several = (n for n in sorted(names, key=lambda n: (n != "true_range_m", n)) if _has_levels(view, n))
+        usual = sorted(names, key=lambda n: (n != "true_range_m", unit_of(n) in DRIVES, n))
+        several = (n for n in usual if _has_levels(view, n))
         return list(itertools.islice(several, _MOST_CONDITIONS))
 
     return per_table(view, ("noise conditions", temperatures), make)
