@@ -5,7 +5,7 @@ import pyarrow as pa
 import pytest
 
 from arl_fixtures.reconcile.catalogue import library
-from arl_fixtures.reconcile.effects.air_multipath import room
+from arl_fixtures.reconcile.effects_strips import room
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
 from arl_fixtures.reconcile.view import View

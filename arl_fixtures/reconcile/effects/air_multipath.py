@@ -7,28 +7,22 @@ from collections.abc import Iterable
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Option, Parameter, Stage, State, Values, Variant
-from arl_fixtures.reconcile.effects_bounce import bounced
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     amplitude,
     distances,
     light_channels,
-    per_table,
     rounded,
     set_light,
     shape,
 )
 from arl_fixtures.reconcile.effects_frame import add_stray_light, has_frames
-from arl_fixtures.reconcile.effects_illumination import ray_column
-from arl_fixtures.reconcile.effects_scene import scene
+from arl_fixtures.reconcile.effects_strips import room
+from arl_fixtures.reconcile.effects_wall import by_the_wall, law_by_the_wall, logged_walls
 from arl_fixtures.reconcile.roles import Role, unit_of
-from arl_fixtures.reconcile.view import IntArray, View
+from arl_fixtures.reconcile.view import View
 
 _REACH_PX = (2, 5, 9)
-_PATCH_DEG = 1.0
-_SAME_SURFACE, _WIDEST_GAP, _LEAST_RISE_DEG = 0.05, 4, 3.0
-"""Relative step of the distance from one degree to the next up to which it is one surface, degrees that may lie
-between its strips, and the least elevation that its light is taken to reach."""
 _AXES = ("pixel_u", "pixel_v")
 
 
@@ -44,6 +38,7 @@ class Multipath(Effect):
       share k that falls off along the longer way. Needs no image. A signal that gathers all light (`lit`) grows by k.
       Of an image k is larger towards the surface: k·(1 + across·x + along·y + sides·x²), x and y from −1 to 1 over
       columns and rows (`sides`: one surface on the left and one on the right).
+    * wall: a surface whose distance x from the target is logged: k = share·(1 − x / √(x² + reach²)), detour x.
     """
 
     id = "air.multipath"
@@ -71,6 +66,13 @@ class Multipath(Effect):
             for source in ("image", "near") if view.varies("pixel_u") else ("image",):
                 drivers = [name for name in ("azimuth_deg", "pixel_u") if view.varies(name)]
                 yield self._variant(source, (share, detour), everything, (f"sim_{channel}", *drivers[:1]))
+        for wall in logged_walls(view, unit):
+            reach = shape("reach", unit, 0.02 * size, 5.0 * size, 0.3 * size, 1.0 * size)
+            drivers = [str(wall[key]) for key in ("wall", "white") if key in wall]
+            yield self._variant("wall", (share, reach), far, tuple(drivers), **wall)
+            if channel:
+                stretch = shape("stretch", "1", 0.2, 3.0, 1.0)
+                yield self._variant("wall", (share, reach, stretch), everything, tuple(drivers), lit=True, **wall)
         low, high = view.span(f"sim_{far[0]}")
         if 0.0 < low < 0.8 * high:
             height = shape("height", unit, 0.02 * high, 0.35 * high, 0.05 * high, 0.15 * high)
@@ -124,14 +126,18 @@ class Multipath(Effect):
                 moved = 0.5 * part / (1.0 + part) * (longer - state[name])
                 state[name] = state[name] + np.where(np.isfinite(moved), moved, 0.0)
             return
-        if source == "room":
-            lit = room(view)
-            if lit is None:
-                return
-            part = share * lit[0][view.rows]
+        if source in ("room", "wall"):
+            if source == "wall":
+                part, detour = by_the_wall(variant, values, state, view)
+            else:
+                lit = room(view)
+                if lit is None:
+                    return
+                part, detour = share * lit[0][view.rows], lit[1][view.rows]
             for name in distances(view):
-                state[name] = state[name] + part / (1.0 + part) * lit[1][view.rows]
-            set_light(view, state, channel, state[channel] * (1.0 + part))
+                state[name] = state[name] + part / (1.0 + part) * detour
+            if source == "room" or variant.options.get("lit"):
+                set_light(view, state, channel, state[channel] * (1.0 + part))
             return
         add_stray_light(
             view,
@@ -158,6 +164,8 @@ class Multipath(Effect):
                 "signal *= 1 + k; distance += k / (1 + k) * detour; k = share * (light from the other surfaces), "
                 "mean 1"
             )
+        if source == "wall":
+            return law_by_the_wall(variant)
         around = "of the image" if source == "image" else "of the columns beside"
         return f"signal += share * S; distance += detour * share * S / (signal + share * S), S = mean signal {around}"
 
@@ -172,6 +180,8 @@ class Multipath(Effect):
             )
         if source == "side":
             return f"{share} of the light returns over a surface {values['height']:.2f} {unit} beside the beam."
+        if source == "wall":
+            return f"A surface beside the target adds up to {share} of light on a longer way, most where it is near."
         return (
             f"{share} of the surroundings' light arrives over a detour of {values['detour']:.2f} {unit} and "
             "lengthens "
@@ -219,94 +229,3 @@ def _beside(view: View, state: State, channel: str) -> FloatArray:
             total += np.where(good, value, 0.0)
             count += good
     return np.where(count > 0, total / np.maximum(count, 1.0), np.nan)
-
-
-def room(view: View) -> tuple[FloatArray, FloatArray] | None:
-    """Light that each row's target gets from all others, over its mean, and that light's extra one-way path.
-
-    Of every row of the whole table: of the rendered bench where that is known, else of what the sweep shows; None
-    where the scene is not scanned over the bearing.
-    """
-    rendered = bounced(view)
-    return per_table(view, "room", lambda: _room(view)) if rendered is None else rendered
-
-
-def _room(view: View) -> tuple[FloatArray, FloatArray] | None:
-    found = scene(view)
-    channel, far = view.channel(Role.INTENSITY), distances(view)
-    if (
-        found is None
-        or not view.varies("azimuth_deg")
-        or not channel
-        or not far
-        or not view.varies("stage_angle_deg")
-    ):
-        return None
-    table = view.columns
-    light, range_ = table.numbers[f"sim_{channel}"], table.numbers[f"sim_{far[0]}"]
-    rise_deg = ray_column(view, "elevation_deg")
-    range_ = range_ * np.cos(np.radians(rise_deg))
-    good = np.isfinite(light) & np.isfinite(range_) & (range_ > 0.0)
-    bins = np.floor(found.bearing / _PATCH_DEG).astype(np.int64)
-    count = np.bincount(bins[good], minlength=int(bins.max()) + 1)
-    seen = np.flatnonzero(count)
-    bright = np.bincount(bins[good], light[good], count.size)[seen] / count[seen]
-    away = np.bincount(bins[good], range_[good], count.size)[seen] / count[seen]
-    rise = float(np.quantile(np.abs(rise_deg), 0.9))
-    lit, detour = _facing_each_other(seen, bright, away, max(rise, _LEAST_RISE_DEG))
-    if not lit.max() > 0.0:
-        return None
-    place = found.bearing / _PATCH_DEG - 0.5
-    strength = np.interp(place, seen, lit)
-    return strength / float(strength.mean()), np.interp(place, seen, detour)
-
-
-def _facing_each_other(
-    seen: IntArray, bright: FloatArray, away: FloatArray, rise_deg: float
-) -> tuple[FloatArray, FloatArray]:
-    """Twice-bounced light of upright strips over what lights them directly, and its extra one-way path.
-
-    A strip is as bright as it looks. It sends its light on with the cosines of both ends; over the distance of two
-    far strips and their height squared, over the distance of near ones (Hottel's strips).
-
-    Args:
-        seen: number of the bearing's bin of each strip, ascending; bright: its signal; away: its level distance.
-        rise_deg: half of the height that is lit, seen from the sensor.
-    """
-    angle = np.radians((seen + 0.5) * _PATCH_DEG)
-    place = away[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    slope = np.zeros(len(seen))
-    gap = np.diff(angle)
-    joined = (np.diff(seen) <= _WIDEST_GAP) & (np.abs(np.diff(away)) < _SAME_SURFACE * np.diff(seen) * away[1:])
-    for part in np.split(np.arange(len(seen)), np.flatnonzero(~joined) + 1):
-        if len(part) > 1:
-            slope[part] = _slopes(angle[part], away[part])
-    # along a strip the distance grows by `slope` a radian, its normal leans by as much
-    incidence = np.arctan2(slope, away)
-    normal = -np.stack([np.cos(angle - incidence), np.sin(angle - incidence)], axis=1)
-    across = place[None, :, :] - place[:, None, :]
-    near = np.where(np.diff(seen) <= _WIDEST_GAP, gap, np.radians(_PATCH_DEG))  # a strip reaches half-way to the next
-    half = 0.5 * np.concatenate([near[:1], near]), 0.5 * np.concatenate([near, near[-1:]])
-    width = (half[0] + half[1]) * away / np.cos(incidence)
-    apart = np.sqrt(np.sum(across**2, axis=2) + (0.5 * width[None, :]) ** 2)
-    arriving = np.maximum(np.einsum("ijk,ik->ij", across, normal) / apart, 0.0)
-    leaving = np.maximum(-np.einsum("ijk,jk->ij", across, normal) / apart, 0.0)
-    height = away[None, :] * np.tan(np.radians(rise_deg))
-    spread = apart * np.hypot(apart, height)
-    weight = bright[None, :] * (width * height[0])[None, :] * arriving * leaving / spread
-    light = weight.sum(axis=1) * away**2 / np.cos(incidence)
-    longer = (weight * 0.5 * (away[None, :] + apart - away[:, None])).sum(axis=1)
-    return light, longer / np.maximum(weight.sum(axis=1), 1e-300)
-
-
-def _slopes(angle: FloatArray, away: FloatArray) -> FloatArray:
-    """Slope of the distance at each strip, from the side on which it bends less: a corner is of one of its walls.
-
-    (As essentially non-oscillatory schemes take differences: Harten and others, J. Comput. Phys. 71 (1987) 231.)
-    """
-    step = np.diff(away) / np.diff(angle)
-    bend = np.concatenate([[np.inf], np.abs(np.diff(step)), [np.inf]])  # about each strip but the ends
-    left, right = np.concatenate([step[:1], step]), np.concatenate([step, step[-1:]])
-    before, after = np.concatenate([bend[:1], bend[:-1]]), np.concatenate([bend[1:], bend[-1:]])
-    smooth = bend < 2.0 * np.minimum(before, after)
-    return np.where(smooth, 0.5 * (left + right), np.where(before < after, left, right))
