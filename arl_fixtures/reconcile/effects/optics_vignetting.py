@@ -24,6 +24,7 @@ from arl_fixtures.reconcile.view import View
 class Vignetting(LightFactor):
     """I *= cos(θ)^exponent (natural), or the overlap of two round apertures that part with tan θ (mechanical).
 
+    The larger one has the radius 1 + parting·knee: up to tan θ = knee nothing is cut off.
     Where a table does not say where its pixels look, tan θ grows with the distance from the image's middle and is
     `reach` in its corner.
     """
@@ -43,12 +44,9 @@ class Vignetting(LightFactor):
             return
         for channel in signals(view):
             yield self._variant(view, channel, "natural", (amplitude("exponent", "1", -4.0, 16.0, 1.0),))
-            yield self._variant(
-                view,
-                channel,
-                "mechanical",
-                (amplitude("parting", "1", 0.0, 3.0, 1.0), shape("oversize", "1", 0.0, 1.5, 0.02, 0.4)),
-            )
+            steepest = float(np.nanmax(np.sqrt(1.0 / _cosine(view) ** 2 - 1.0)))
+            knee = shape("knee", "1", 0.0, 0.95 * steepest, *(share * steepest for share in (0.02, 0.3, 0.6)))
+            yield self._variant(view, channel, "mechanical", (amplitude("parting", "1", 0.0, 3.0, 1.0), knee))
 
     def _variant(self, view: View, channel: str, kind: str, parameters: tuple[Parameter, ...]) -> Variant:
         options: dict[str, Option] = {"channel": channel, "kind": kind}
@@ -68,15 +66,11 @@ class Vignetting(LightFactor):
         if variant.options["kind"] == "by pixels":
             tangent = float(values["reach"]) * image_radius(variant, view)
             return np.asarray((1.0 + tangent**2) ** (-0.5 * float(values["exponent"])))
-        cosine = per_view(
-            view,
-            "field cosine",
-            lambda: np.maximum(np.cos(np.radians(azimuth(view))) * np.cos(np.radians(elevation(view))), 0.02),
-        )
+        cosine = _cosine(view)
         if variant.options["kind"] == "natural":
             return np.asarray(cosine ** float(values["exponent"]))
         distance = float(values["parting"]) * np.sqrt(1.0 / cosine**2 - 1.0)
-        return np.maximum(overlap(distance, 1.0 + float(values["oversize"])), 1e-3)
+        return np.maximum(overlap(distance, 1.0 + float(values["parting"]) * float(values["knee"])), 1e-3)
 
     def expression(self, variant: Variant) -> str:
         """The law."""
@@ -85,9 +79,7 @@ class Vignetting(LightFactor):
             return f"{channel} *= cos(theta)^exponent, tan(theta) = reach * distance from the middle / the corner's"
         if variant.options["kind"] == "natural":
             return f"{channel} *= (cos(azimuth_deg) * cos(elevation_deg))^exponent"
-        return (
-            f"{channel} *= overlap of apertures of radius 1 and 1 + oversize at distance parting * tan(field angle)"
-        )
+        return f"{channel} *= overlap of apertures of radius 1 and 1 + parting * knee at distance parting * tan(field angle)"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Loss at the edge of the field."""
@@ -101,6 +93,15 @@ class Vignetting(LightFactor):
             "receiver "
             "stays, a change of the beam does not."
         )
+
+
+def _cosine(view: View) -> FloatArray:
+    """Cosine of the field angle of every row."""
+    return per_view(
+        view,
+        "field cosine",
+        lambda: np.maximum(np.cos(np.radians(azimuth(view))) * np.cos(np.radians(elevation(view))), 0.02),
+    )
 
 
 def overlap(distance: FloatArray, radius: float) -> FloatArray:

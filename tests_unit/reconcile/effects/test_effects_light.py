@@ -79,7 +79,7 @@ def test_mechanical_vignetting_is_the_share_of_rays_that_pass_two_apertures():
     passed = [np.mean(np.abs(first + 0.9 * np.tan(np.radians(a))) < 1.2) for a in angle]
     columns = plain_table(46, azimuth_deg=angle, sim_signal_counts=1000.0)
     view = View(columns)
-    state = corrected(view, variant_of(view, "optics.vignetting", kind="mechanical"), parting=0.9, oversize=0.2)
+    state = corrected(view, variant_of(view, "optics.vignetting", kind="mechanical"), parting=0.9, knee=0.2 / 0.9)
     np.testing.assert_allclose(state["signal_counts"] / 1000.0, passed, atol=0.004)
 
 
