@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Stage, Values, Variant
+from arl_fixtures.reconcile.effect import Option, Stage, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     LightFactor,
@@ -35,6 +35,8 @@ class ProfileChange(LightFactor):
     * edge: I *= exp(−edge_az·|az/edge|^order − edge_el·|el/edge|^order).
     * centre: I *= 1 − centre·exp(−(r/radius)²), r the distance from the axis over the half field of view.
 
+    With a temperature all grow in proportion, or exponentially (a cement that softens, a strain that lets go).
+
     Along an axis for which the table gives no ray, the pixel's place over the image's half width takes its place.
     """
 
@@ -54,12 +56,14 @@ class ProfileChange(LightFactor):
             drivers = ("", *temperatures, *age_drivers(view)[:1])
             scales = [(d, {**scale, **field_options(view)}) for d in drivers for scale in _scales(view, d)]
             for driver, scale in scales:
-                for kind in ("width", "edge", "centre"):
+                for kind in ("width",) if "grows" in scale else ("width", "edge", "centre"):
                     parameters = [amplitude(f"{kind}_{axis.short}", "1", -0.5, 2.0, 0.05) for axis in axes]
                     if kind == "edge":
                         parameters.append(shape("order", "1", 1.5, 8.0, 3.0))
                     if kind == "centre":
                         parameters = [amplitude("centre", "1", -2.0, 0.95, 0.05), shape("radius", "1", 0.1, 0.7, 0.5)]
+                    if "grows" in scale:
+                        parameters.append(shape("growth", "1", 0.5, 8.0, 3.0))
                     yield Variant(
                         effect=self.id,
                         options={"channel": channel, "kind": kind, "driver": driver, **scale},
@@ -77,7 +81,7 @@ class ProfileChange(LightFactor):
             return np.ones(view.n)
         x, y = field.places(view)
         driver = str(variant.options["driver"])
-        size = _size(view, variant, driver)
+        size = _size(view, variant, values, driver)
         if variant.options["kind"] == "centre":
             square = (x / profile.reach_az) ** 2 + (y / profile.reach_el) ** 2
             worn = float(values["centre"]) * np.exp(-square / float(values["radius"]) ** 2)
@@ -94,7 +98,8 @@ class ProfileChange(LightFactor):
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel, driver = variant.options["channel"], variant.options["driver"]
-        grown = f", both grow with {driver} (given for its whole range)" if driver else ""
+        how = " exponentially" if "grows" in variant.options else ""
+        grown = f", both grow{how} with {driver} (given for its whole range)" if driver else ""
         x, y = (axis.short for axis in Field(variant.options).axes)
         if variant.options["kind"] == "centre":
             return f"{channel} *= 1 - centre * exp(-(({x} / edge)^2 + ({y} / edge)^2) / radius^2){grown}"
@@ -118,20 +123,28 @@ class ProfileChange(LightFactor):
         return "Picture the beam on a screen with an infrared camera: the receiver's vignetting is not on it."
 
 
-def _scales(view: View, driver: str) -> list[dict[str, float]]:
-    """What a driver is counted from: an age from its first value, and from nil where a record begins later."""
+def _scales(view: View, driver: str) -> list[dict[str, Option]]:
+    """What a driver is counted from: an age from its first value, and from nil where a record begins later.
+
+    A temperature also as what grows exponentially.
+    """
     if not driver:
         return [{}]
     if driver not in age_drivers(view):
-        return [{"reference": reference(view, driver), "range": span(view, driver)}]
-    own = age_options(view, driver, by_pixel=True)
-    begun = driver != "time_s" and own["first"] > 0.0 and "calibrated" not in own
+        plain: dict[str, Option] = {"reference": reference(view, driver), "range": span(view, driver)}
+        return [plain, {**plain, "grows": True}]
+    own: dict[str, Option] = {**age_options(view, driver, by_pixel=True)}
+    begun = driver != "time_s" and float(own["first"]) > 0.0 and "calibrated" not in own
     return [own, {**own, "first": 0.0}] if begun else [own]
 
 
-def _size(view: View, variant: Variant, driver: str) -> FloatArray | float:
+def _size(view: View, variant: Variant, values: Values, driver: str) -> FloatArray | float:
     if not driver:
         return 1.0
     if "first" in variant.options:
         return aged(view, variant, driver)
-    return excess(view, variant, driver) / float(variant.options["range"])
+    share = excess(view, variant, driver) / float(variant.options["range"])
+    if "grows" in variant.options:
+        growth = float(values["growth"])
+        return np.asarray(np.expm1(np.clip(growth * share, -20.0, 20.0)) / np.expm1(growth))
+    return share

@@ -58,7 +58,7 @@ class RailCoupling(LightFactor):
                 low, high = view.span(rail)
                 if np.unique(view.number(rail)).size < _FEWEST_LEVELS:
                     continue
-                knee = shape("knee", "V", low, high, low + 0.75 * (high - low), low + 0.4 * (high - low))
+                knee = shape("knee", "V", low, high, low + 0.6 * (high - low))
                 yield Variant(
                     effect=self.id,
                     options={"channel": channel, "rail": rail, "reading": "drop-out", "reference": middle},

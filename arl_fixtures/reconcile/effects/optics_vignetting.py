@@ -79,7 +79,10 @@ class Vignetting(LightFactor):
             return f"{channel} *= cos(theta)^exponent, tan(theta) = reach * distance from the middle / the corner's"
         if variant.options["kind"] == "natural":
             return f"{channel} *= (cos(azimuth_deg) * cos(elevation_deg))^exponent"
-        return f"{channel} *= overlap of apertures of radius 1 and 1 + parting * knee at distance parting * tan(field angle)"
+        return (
+            f"{channel} *= overlap of apertures of radius 1 and 1 + parting * knee at distance parting * tan(theta), "
+            "theta the field angle"
+        )
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Loss at the edge of the field."""
