@@ -26,6 +26,7 @@ NO_RATIO = frozenset({"°C", "deg"})
 INTEGER_AXES = ("pixel_u", "pixel_v", "step", "cycle")
 CLUSTER_GAP, MOST_CLUSTERS = 0.03, 9
 """Share of a column's span from which a gap parts clusters of its values, and how many such gaps are looked at."""
+OF_LABELS = "*"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,7 +40,8 @@ class Axis:
             (one value per bin), `curve` (straight lines between knots), `one`.
         middle, width: the ratio is (x − middle) / width.
         at: knot or period in the column's unit, or number of a category.
-        label: category label of `is`.
+        label: category label of `is`; `OF_LABELS` of a table over a category, each of whose labels has a bin between
+            two of labels that were not seen.
         edges, values: bins of `table`, or knots of `curve`, and their coefficients; without values the axis is open:
             it stands for all functions of its kind. The two edges of a `band`.
     """

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
-from arl_fixtures.reconcile.law import Axis, Features
+from arl_fixtures.reconcile.law import OF_LABELS, Axis, Features
 from arl_fixtures.reconcile.roles import BEARING_SIGNS, counts_visits, unit_of
 
 KNOTS, MAP_KNOTS = 12, 6
@@ -24,6 +24,8 @@ FINE_KNOTS = 24
 SMOOTH, FINE = (0.4, 0.12), 0.05
 """Lengths over which a curve keeps its value, as shares of the column's range."""
 MAP_SMOOTH = 0.4
+_BESIDE = 0.25
+"""Width of a label's own bin on either side of its number."""
 PERIODS = (2, 3, 4, 6, 8, 16)
 MOST_LEVELS = 40
 PRICE_ONE, PRICE_TWO, PRICE_CURVE, PRICE_PRODUCT = 6.0, 9.0, 7.0, 3.0
@@ -88,7 +90,7 @@ class Basis:
             return [(self.axes, float(values[0]))]
         if len(places) == 1:
             axes = list(self.axes)
-            axes[places[0]] = replace(axes[places[0]], values=tuple(float(v) for v in values))
+            axes[places[0]] = replace(axes[places[0]], values=_for_any_label(axes[places[0]], values))
             return [(tuple(axes), 1.0)]
         first, second = (self.axes[k] for k in places)
         left, size, right = np.linalg.svd(values.reshape(first.count, second.count))
@@ -97,8 +99,8 @@ class Basis:
         return [
             (
                 (
-                    replace(first, values=tuple(float(v) for v in left[:, k] * size[k])),
-                    replace(second, values=tuple(float(v) for v in right[k])),
+                    replace(first, values=_for_any_label(first, left[:, k] * size[k])),
+                    replace(second, values=_for_any_label(second, right[k])),
                     *rest,
                 ),
                 1.0,
@@ -181,7 +183,11 @@ def tables_of(name: str, values: FloatArray, *, category: bool) -> Iterator[Axis
     levels = np.unique(finite)
     whole = bool(np.all(levels == np.round(levels)))
     few = category or (whole and len(levels) <= MOST_LEVELS) or len(levels) <= 8
-    if few and len(levels) >= (2 if category else 3):
+    if category:
+        if len(levels) >= 2:
+            yield Axis(column=name, kind="table", label=OF_LABELS, edges=tuple(_apart(levels)))
+        return
+    if few and len(levels) >= 3:
         yield Axis(column=name, kind="table", edges=tuple(float(x) for x in (levels[1:] + levels[:-1]) / 2.0))
     if name in {"pixel_u", "pixel_v"}:
         for period in PERIODS:
@@ -189,6 +195,22 @@ def tables_of(name: str, values: FloatArray, *, category: bool) -> Iterator[Axis
                 yield Axis(
                     column=name, kind="table", at=float(period), edges=tuple(k + 0.5 for k in range(period - 1))
                 )
+
+
+def _apart(levels: FloatArray) -> Iterator[float]:
+    """Edges of a bin for each label's number alone: numbers between them are of labels that were not seen."""
+    for level in levels:
+        yield from (float(level) - _BESIDE, float(level) + _BESIDE)
+
+
+def _for_any_label(axis: Axis, values: FloatArray) -> tuple[float, ...]:
+    """Values of a table's bins; over labels, those not seen have what the seen ones have in common, if anything."""
+    if axis.label == OF_LABELS:
+        seen = values[1::2]
+        mean, error = float(np.mean(seen)), float(np.std(seen)) / np.sqrt(max(len(seen) - 1, 1))
+        values = values.copy()
+        values[0::2] = mean * mean**2 / max(mean**2 + error**2, 1e-300)
+    return tuple(float(v) for v in values)
 
 
 def map_of(first: Axis, second: Axis, price: float) -> Basis:

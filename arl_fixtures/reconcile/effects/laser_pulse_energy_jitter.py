@@ -8,7 +8,6 @@ import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
-    age_drivers,
     amplitude,
     rounded,
     shape,
@@ -25,8 +24,8 @@ _NUMBERS = ("frame", "shot", "pulse", "frame_number", "shot_number", "pulse_numb
 class PulseEnergyJitter(Effect):
     """σ_I² += (jitter · I)²: the pulse's energy scatters, so every pixel scatters in proportion to its signal.
 
-    It may be worst at one end of the laser's current (the threshold), of its temperature or of its age, at `worst`,
-    and fade from there: jitter · exp(−|x − worst| / fade).
+    It may be worst at one end of the laser's current (the threshold) or of its temperature, at `worst`, and fade from
+    there: jitter · exp(−|x − worst| / fade).
     Where rows are single frames nothing tells their scatter, but all rows of a frame are off together ("pulses").
     """
 
@@ -109,8 +108,7 @@ class PulseEnergyJitter(Effect):
 
 
 def _ends(view: View) -> list[tuple[str, int]]:
-    """Columns at one end of which a laser runs worst, and which: its current 0 (low), its temperature and age 1."""
+    """Columns at one end of which a laser runs worst, and which: its current 0 (low), its temperature 1."""
     currents = [(name, 0) for name in view.covariates("_a") if "tec" not in name]
     warm = [(name, 1) for name in temperature_drivers(view, "laser_temperature_c", limit=1)]
-    old = [(name, 1) for name in age_drivers(view) if name != "time_s"]
-    return [*currents[:1], *warm, *old[:1]]
+    return [*currents[:1], *warm]

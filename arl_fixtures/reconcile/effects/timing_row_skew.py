@@ -14,6 +14,7 @@ from arl_fixtures.reconcile.effects_common import (
     in_mm,
     reference,
     rounded,
+    shape,
     span,
     temperature_drivers,
     unit_per,
@@ -23,7 +24,11 @@ from arl_fixtures.reconcile.view import View
 
 
 class RowSkew(Effect):
-    """D += per_column·(u − middle) + per_row·(v − middle), fixed or in proportion to a temperature."""
+    """D += per_column·(u − middle) + per_row·(v − middle), fixed or in proportion to a temperature.
+
+    A line of resistors and capacitors delays less and less towards its open end (W. C. Elmore, J. Appl. Phys. 19
+    (1948) 55): each axis' part is then (x − bend·(x² − 1/3))·half, x = (u − middle) / half; bend is ±½ where it ends.
+    """
 
     id = "timing.row_skew"
     stage = Stage.TIMING
@@ -38,7 +43,7 @@ class RowSkew(Effect):
         warm = temperature_drivers(view, "tof_temperature_c", "fpga_temperature_c", "housing_temperature_c", limit=2)
         for distance in distances(view):
             size = 1e3 if unit_of(distance) == "mm" else 1.0
-            for column in ("", *warm):
+            for column, bent in (("", False), ("", True), *((column, False) for column in warm)):
                 scale = span(view, column) if column else 1.0
                 unit = unit_per(column, f"{unit_of(distance)}/px") if column else f"{unit_of(distance)}/px"
                 yield Variant(
@@ -48,16 +53,20 @@ class RowSkew(Effect):
                         "temperature": column,
                         "reference": reference(view, column) if column else 0.0,
                         **{f"middle_{axis[-1]}": rounded(sum(view.span(axis)) / 2.0) for axis in axes},
+                        **({f"half_{axis[-1]}": rounded(0.5 * span(view, axis)) for axis in axes} if bent else {}),
                     },
-                    parameters=tuple(
-                        amplitude(
-                            "per_column" if axis == "pixel_u" else "per_row",
-                            unit,
-                            -0.1 * size / scale,
-                            0.1 * size / scale,
-                            2e-4 * size / scale,
-                        )
-                        for axis in axes
+                    parameters=(
+                        *(
+                            amplitude(
+                                "per_column" if axis == "pixel_u" else "per_row",
+                                unit,
+                                -0.1 * size / scale,
+                                0.1 * size / scale,
+                                2e-4 * size / scale,
+                            )
+                            for axis in axes
+                        ),
+                        *([shape("bend", "1", -0.5, 0.5, 0.2)] if bent else []),
                     ),
                     channels=(distance,),
                     drivers=(*axes[::-1], *((column,) if column else ())),
@@ -70,6 +79,9 @@ class RowSkew(Effect):
         for name, letter in (("per_column", "u"), ("per_row", "v")):
             if name in values:
                 away = np.nan_to_num(view.number(f"pixel_{letter}")) - float(variant.options[f"middle_{letter}"])
+                if "bend" in values:
+                    half = float(variant.options[f"half_{letter}"])
+                    away = away - float(values["bend"]) * ((away / half) ** 2 - 1.0 / 3.0) * half
                 added = added + float(values[name]) * away
         if column:
             added = added * excess(view, variant, column)
@@ -94,6 +106,8 @@ class RowSkew(Effect):
             if f"middle_{letter}" in variant.options
         )
         grown = f" * ({column} - {variant.options['reference']})" if column else ""
+        if any(name.startswith("half_") for name in variant.options):
+            grown = ", each (x - bend * (x^2 - 1/3)) for x, from -1 to 1 over its axis"
         return f"{distance} += ({parts}){grown}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:

@@ -1,0 +1,78 @@
+"""Tables that hold a few rays only: what a ray saw before, or beside, is not in them."""
+
+import numpy as np
+import pyarrow as pa
+from traced_bench import LIGHT, RANGE, table, trace
+
+from arl_fixtures.reconcile.catalogue import library
+from arl_fixtures.reconcile.columns import Columns
+from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.table import columns_of
+
+
+def reseen(columns, turn_deg, share, keep, **more):
+    """The table with a share of its frames seen at `turn_deg` further on; rows of `keep`; `more` columns."""
+    numbers = {name: values.copy() for name, values in columns.numbers.items()}
+    u, v, stage = (numbers[name] for name in ("pixel_u", "pixel_v", "stage_angle_deg"))
+    here, near = trace(u, v, stage, 0.10)
+    there, far = trace(u, v, stage + turn_deg, 0.10)
+    seen = (1.0 - share) * here + share * there
+    numbers[RANGE] = numbers[RANGE] + ((1.0 - share) * near + share * far) - near
+    numbers[LIGHT] = numbers[LIGHT] + numbers[f"sim_{LIGHT}"] * (seen / here - 1.0)
+    numbers |= more
+    return Columns(
+        n=int(keep.sum()), numbers={name: values[keep] for name, values in numbers.items()},
+        categories={name: (codes[keep], labels) for name, (codes, labels) in columns.categories.items()},
+        channels=columns.channels,
+    )  # fmt: skip
+
+
+def test_stale_frames_are_found_though_the_ray_before_was_left_out():
+    """Angles in any order; a thin sample of rows, so that a ray's own last angle is seldom among them."""
+    rng = np.random.default_rng(6)
+    columns = table(seed=6, angles=13, pixels=70)
+    angles = np.unique(columns.numbers["stage_angle_deg"])
+    place = np.searchsorted(angles, columns.numbers["stage_angle_deg"])
+    turns = np.stack([rng.permutation(angles.size) for _ in range(3)])  # the order of each step's angles
+    rank = np.argsort(turns, axis=1)[columns.numbers["step"].astype(int), place]
+    before = np.where(rank > 0, angles[turns[columns.numbers["step"].astype(int), rank - 1]], angles[place])
+    columns.numbers["time_s"] = 1200.0 * columns.numbers["step"] + 20.0 * rank
+    made = reseen(columns, before - angles[place], 0.03, rng.random(columns.n) < 0.3, previous_stage_angle_deg=before)
+    known = ("acquisition.frame_lag", "optics.veiling_glare", "stage.zero_offset", "stage.periodic_error")
+    (found,) = diagnose(made, effects=[library()[name] for name in known])[0].findings
+    assert found.effect == "acquisition.frame_lag"
+    share = next(p for p in found.parameters if p.name == "share")
+    assert share.low < 0.03 < share.high
+
+
+def test_a_stage_that_is_right_one_way_only_has_play():
+    """Nine rays a pixel: half of the play is not half of what changes."""
+    columns = table(seed=7, angles=31, pixels=40)
+    way = np.where(np.isin(columns.numbers["step"], [1.0]), -1.0, 1.0)
+    made = reseen(columns, np.where(way < 0.0, 0.05, 0.0), 1.0, np.ones(columns.n, dtype=bool), travel_direction=way)
+    known = ("stage.zero_offset", "stage.periodic_error", "target.edge_mixing", "mount.tilt")
+    (found,) = diagnose(made, effects=[library()[name] for name in known])[0].findings
+    assert found.effect == "stage.zero_offset"
+    (play,) = found.parameters
+    assert abs(play.value - 0.05) < 0.01
+
+
+def test_a_clock_line_seen_at_every_third_column_is_no_pattern_of_three():
+    """A pulse runs down a ladder of resistors and capacitors: late at its far end, and less and less so."""
+    rng = np.random.default_rng(11)
+    columns, rows, steps = (
+        a.ravel() for a in np.meshgrid(np.arange(0, 128, 3), np.arange(1, 32, 3), np.arange(12), indexing="ij")
+    )
+    resistance, capacity = np.ones(128), np.ones(128)
+    behind = np.cumsum(capacity[::-1])[::-1]  # what each resistor charges
+    late = np.cumsum(resistance * behind)  # Elmore's delay
+    late = 0.0025 * (late - late[0]) / (late[-1] - late[0])
+    error = np.full(columns.size, 0.004)
+    made = columns_of(pa.table({
+        "step": steps, "pixel_u": columns, "pixel_v": rows, "n_frames": np.full(columns.size, 10.0),
+        "sim_distance_m": 1.5 + 0.001 * rows, "sim_distance_m_std": error,
+        "distance_m": 1.5 + 0.001 * rows + late[columns] + error * rng.normal(size=columns.size) / np.sqrt(10.0),
+    }))  # fmt: skip
+    (found,) = diagnose(made)[0].findings
+    assert found.effect == "timing.row_skew"
+    assert abs(next(p for p in found.parameters if p.name == "bend").value - 0.5) < 0.1
