@@ -1,42 +1,48 @@
 """A surface beside the target whose distance from it was logged: the light that comes by way of it.
 
-A diffuse wall at the distance x from the lit spot, up to a size h, returns in proportion to 1 − x/√(x² + h²), the
-integral of x·s / (x² + s² + y²)² over it; most of that light left the wall about as far from its foot as the spot is,
-so that the way is longer in proportion to x.
+Of the light that a diffuse spot gathers from the half of the room where a wall is, each direction shows it a facet of
+that wall, in proportion to its cosine (Nusselt's projected solid angle); the facet is lit by the sensor.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Option, State, Values, Variant
-from arl_fixtures.reconcile.effects_common import FloatArray, distances, rounded
+from arl_fixtures.reconcile.effect import Option, Parameter, State, Values, Variant
+from arl_fixtures.reconcile.effects_common import FloatArray, distances, rounded, shape
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
 _WALLS = ("wall", "corner", "floor", "ceiling", "side")
 _WHITE = ("reflectance", "albedo")
-_LENGTHS = ("m", "mm")
+_LENGTHS = {"m": 1.0, "mm": 1e3}
+_RINGS, _SPOKES = 6, 8
 
 
-def logged_walls(view: View, unit: str) -> list[dict[str, Option]]:
-    """Options of the ways in which a surface beside the target may be seen; none where no column tells its distance.
+def logged_walls(view: View, unit: str) -> list[tuple[dict[str, Option], tuple[Parameter, ...]]]:
+    """Ways in which a surface beside the target may be seen, with their shapes; none where no column is its distance.
 
-    The column is that whose values a row's own distance does not give: nearest to the spot, a corner's before a
-    wall's. `along`: the wall runs from the sensor to the target; it is as large as that way is long, and lit the more
-    obliquely. `white`: the column that says how bright the wall is.
+    * corner: a small wall, 1 − x/√(x² + reach²) of it in sight, and a way longer by stretch·x (x times 1 without a
+      signal: then that is of the share).
+    * along: one that runs from the sensor, `aside` from it (or as far as another column says), to the target.
+
+    `white` is a column that says how bright the wall is.
     """
     named = [name for name in sorted(view.columns.numbers) if _is_of_wall(name) and view.varies(name)]
     away = [n for n in named if unit_of(n) == unit and unit in _LENGTHS and view.span(n)[0] >= 0.0]
     if not away:
         return []
-    found: dict[str, Option] = {"wall": min(away, key=lambda name: ("corner" not in name, name))}
+    away.sort(key=lambda name: ("corner" not in name, name))
+    wall: dict[str, Option] = {"wall": away[0]}
     white = [name for name in named if name.endswith(_WHITE) and view.span(name)[0] >= 0.0]
     if white:
-        found |= {"white": white[0], "whitest": rounded(view.span(white[0])[1])}
-    low, high = view.span(f"sim_{distances(view)[0]}")
-    typical = rounded(0.5 * (low + high))
-    return [found, {**found, "along": typical}] if low > 0.0 else [found]
+        wall |= {"white": white[0], "whitest": rounded(view.span(white[0])[1])}
+    size = _LENGTHS[unit]
+    reach = shape("reach", unit, 0.02 * size, 5.0 * size, 0.3 * size, 1.0 * size)
+    if len(away) > 1:
+        return [({**wall, "way": "corner"}, (reach,)), ({**wall, "way": "along", "aside": away[1]}, ())]
+    aside = shape("aside", unit, 0.05 * size, 10.0 * size, 0.5 * size, 1.5 * size)
+    return [({**wall, "way": "corner"}, (reach,)), ({**wall, "way": "along"}, (aside,))]
 
 
 def _is_of_wall(name: str) -> bool:
@@ -46,21 +52,49 @@ def _is_of_wall(name: str) -> bool:
 def by_the_wall(variant: Variant, values: Values, state: State, view: View) -> tuple[FloatArray, FloatArray]:
     """Share of light by way of the wall, and its extra one-way path; rows without a logged distance have none."""
     away = view.number(str(variant.options["wall"]))
-    along: FloatArray | float = 1.0
-    if "along" in variant.options:
-        along = np.maximum(state[distances(view)[0]] / float(variant.options["along"]), 1e-3)
-    share = float(values["share"]) * (1.0 - away / np.hypot(away, float(values["reach"]) * along)) / along
+    if variant.options["way"] == "along":
+        aside: FloatArray | float = float(values["aside"]) if "aside" in values else 0.0
+        if "aside" in variant.options:
+            aside = view.number(str(variant.options["aside"]))
+        share, longer = along_a_wall(away, state[distances(view)[0]], aside)
+    else:
+        share, longer = 1.0 - away / np.hypot(away, float(values["reach"])), float(values.get("stretch", 1.0)) * away
     if "white" in variant.options:
         share = share * view.number(str(variant.options["white"])) / float(variant.options["whitest"])
-    return np.nan_to_num(share), np.nan_to_num(float(values.get("stretch", 1.0)) * away)
+    return np.nan_to_num(float(values["share"]) * share), np.nan_to_num(longer)
+
+
+def along_a_wall(away: FloatArray, far: FloatArray, aside: FloatArray | float) -> tuple[FloatArray, FloatArray]:
+    """Light by way of a white wall over a spot's own, and its extra one-way path; all in one unit of length.
+
+    Args:
+        away: of the spot from the wall; far: of the spot from the sensor; aside: of the sensor from the wall. The
+            board that the spot is on stands across the wall.
+    """
+    ahead = np.sqrt(np.maximum(far**2 - (away - aside) ** 2, (0.05 * far) ** 2))
+    total, moment = np.zeros(far.shape), np.zeros(far.shape)
+    for ring in np.sqrt((np.arange(_RINGS) + 0.5) / _RINGS):
+        for turn in np.pi * ((np.arange(_SPOKES) + 0.5) / _SPOKES - 0.5):  # the half where the wall is
+            across, up, back = ring * np.cos(turn), ring * np.sin(turn), np.sqrt(1.0 - ring**2)
+            on = away / across
+            place = ahead - on * back
+            there = np.sqrt(aside**2 + (on * up) ** 2 + place**2)
+            lit = np.where(place > 0.0, aside / there**3, 0.0)
+            total += lit
+            moment += lit * 0.5 * (there + on - far)
+    longer = moment / np.maximum(total, 1e-300)
+    return 0.5 * total / (_RINGS * _SPOKES) * far**3 / ahead, longer
 
 
 def law_by_the_wall(variant: Variant) -> str:
     """Its expression."""
     wall = variant.options["wall"]
-    far = f" * (distance / {variant.options['along']})" if "along" in variant.options else ""
-    law = f"k = share * (1 - {wall} / sqrt({wall}^2 + (reach{far})^2)){far.replace('*', '/')}"
-    if "white" in variant.options:
-        law += f" * {variant.options['white']} / {variant.options['whitest']}"
-    longer, grows = ("stretch * ", "; signal *= 1 + k") if variant.options.get("lit") else ("", "")
-    return f"distance += k / (1 + k) * {longer}{wall}, {law}{grows}"
+    names = [parameter.name for parameter in variant.parameters]
+    sight = f"(1 - {wall} / sqrt({wall}^2 + reach^2))"
+    longer = ("stretch * " if "stretch" in names else "") + str(wall)
+    if variant.options["way"] == "along":
+        sight = f"light of a wall {variant.options.get('aside', 'aside')} beside the sensor at {wall} from the target"
+        longer = "its detour"
+    white = f" * {variant.options['white']} / {variant.options['whitest']}" if "white" in variant.options else ""
+    grows = "; signal *= 1 + k" if variant.options.get("lit") else ""
+    return f"distance += k / (1 + k) * {longer}, k = share * {sight}{white}{grows}"

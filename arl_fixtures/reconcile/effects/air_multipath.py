@@ -38,7 +38,7 @@ class Multipath(Effect):
       share k that falls off along the longer way. Needs no image. A signal that gathers all light (`lit`) grows by k.
       Of an image k is larger towards the surface: k·(1 + across·x + along·y + sides·x²), x and y from −1 to 1 over
       columns and rows (`sides`: one surface on the left and one on the right).
-    * wall: a surface whose distance x from the target is logged: k = share·(1 − x / √(x² + reach²)), detour x.
+    * wall: a surface whose distance from the target is logged, see `effects_wall`.
     """
 
     id = "air.multipath"
@@ -66,13 +66,13 @@ class Multipath(Effect):
             for source in ("image", "near") if view.varies("pixel_u") else ("image",):
                 drivers = [name for name in ("azimuth_deg", "pixel_u") if view.varies(name)]
                 yield self._variant(source, (share, detour), everything, (f"sim_{channel}", *drivers[:1]))
-        for wall in logged_walls(view, unit):
-            reach = shape("reach", unit, 0.02 * size, 5.0 * size, 0.3 * size, 1.0 * size)
-            drivers = [str(wall[key]) for key in ("wall", "white") if key in wall]
-            yield self._variant("wall", (share, reach), far, tuple(drivers), **wall)
+        for wall, shapes in logged_walls(view, unit):
+            seen_in = tuple(str(wall[key]) for key in ("wall", "white", "aside") if key in wall)
+            share_of = share if wall["way"] == "corner" else amplitude("share", "1", 0.0, 2.0, 0.1)  # of its light
+            yield self._variant("wall", (share_of, *shapes), far, seen_in, **wall)
             if channel:
-                stretch = shape("stretch", "1", 0.2, 3.0, 1.0)
-                yield self._variant("wall", (share, reach, stretch), everything, tuple(drivers), lit=True, **wall)
+                stretch = [shape("stretch", "1", 0.2, 3.0, 1.0)] if wall["way"] == "corner" else []
+                yield self._variant("wall", (share_of, *shapes, *stretch), everything, seen_in, lit=True, **wall)
         low, high = view.span(f"sim_{far[0]}")
         if 0.0 < low < 0.8 * high:
             height = shape("height", unit, 0.02 * high, 0.35 * high, 0.05 * high, 0.15 * high)

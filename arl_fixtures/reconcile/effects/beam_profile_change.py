@@ -18,6 +18,7 @@ from arl_fixtures.reconcile.effects_common import (
     light_channels,
     percent,
     reference,
+    rounded,
     shape,
     signals,
     span,
@@ -27,15 +28,18 @@ from arl_fixtures.reconcile.effects_illumination import Field, field_options
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
+_BOLTZMANN_EV = 8.617e-5
+
 
 class ProfileChange(LightFactor):
     """A beam that is stretched, falls off at its edges, or is worn in its middle.
 
-    * width: I *= B(az/(1+w_az), el/(1+w_el)) / B(az, el); a change of the power as a whole is the laser's.
+    * width: I *= B(az/(1+w_az), el/(1+w_el)) / B(az, el); where it grows also by ((1+w_az)(1+w_el))^−thinned: light
+      that is spread is missing in the middle (1), unless the power was set there (0).
     * edge: I *= exp(−edge_az·|az/edge|^order − edge_el·|el/edge|^order).
     * centre: I *= 1 − centre·exp(−(r/radius)²), r the distance from the axis over the half field of view.
 
-    With a temperature all grow in proportion, or exponentially (a cement that softens, a strain that lets go).
+    With a temperature all grow in proportion; the width also by Arrhenius' law (a cement that softens).
 
     Along an axis for which the table gives no ray, the pixel's place over the image's half width takes its place.
     """
@@ -55,6 +59,10 @@ class ProfileChange(LightFactor):
                 continue
             drivers = ("", *temperatures, *age_drivers(view)[:1])
             scales = [(d, {**scale, **field_options(view)}) for d in drivers for scale in _scales(view, d)]
+            # what spreads the beam sits in the housing; a laser that is kept at its temperature tells nothing of it
+            housing = temperature_drivers(view, "housing_temperature_c", limit=1)
+            highest: list[dict[str, Option]] = [{"grows": rounded(view.span(name)[1])} for name in housing]
+            scales += [(d, {**scale, **field_options(view)}) for d, scale in zip(housing, highest, strict=True)]
             for driver, scale in scales:
                 for kind in ("width",) if "grows" in scale else ("width", "edge", "centre"):
                     parameters = [amplitude(f"{kind}_{axis.short}", "1", -0.5, 2.0, 0.05) for axis in axes]
@@ -62,8 +70,10 @@ class ProfileChange(LightFactor):
                         parameters.append(shape("order", "1", 1.5, 8.0, 3.0))
                     if kind == "centre":
                         parameters = [amplitude("centre", "1", -2.0, 0.95, 0.05), shape("radius", "1", 0.1, 0.7, 0.5)]
+                    if driver and kind == "width":
+                        parameters.append(shape("thinned", "1", 0.0, 1.0, 0.5))
                     if "grows" in scale:
-                        parameters.append(shape("growth", "1", 0.5, 8.0, 3.0))
+                        parameters.append(shape("activation_energy", "eV", 0.05, 1.5, 0.35))
                     yield Variant(
                         effect=self.id,
                         options={"channel": channel, "kind": kind, "driver": driver, **scale},
@@ -93,19 +103,27 @@ class ProfileChange(LightFactor):
             return np.asarray(np.exp(np.clip(-loss * size, -4.0, 4.0)))
         wide_x, wide_y = (np.maximum(1.0 + wider * size, 0.3) for wider in field.along(values, "width"))
         stretched = profile.log(x / wide_x, y / wide_y) - field.log_profile(view, channel)
+        if "thinned" in values:
+            stretched = stretched - float(values["thinned"]) * np.log(wide_x * wide_y)
         return np.asarray(np.exp(np.clip(stretched, -4.0, 4.0)))
 
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel, driver = variant.options["channel"], variant.options["driver"]
-        how = " exponentially" if "grows" in variant.options else ""
-        grown = f", both grow{how} with {driver} (given for its whole range)" if driver else ""
+        grown = f", both grow with {driver} (given for its whole range)" if driver else ""
+        if "grows" in variant.options:
+            highest = variant.options["grows"]
+            grown = (
+                f", both times exp(-activation_energy / k (1 / {driver} - 1 / {highest})) (temperatures in kelvin)"
+            )
         x, y = (axis.short for axis in Field(variant.options).axes)
         if variant.options["kind"] == "centre":
             return f"{channel} *= 1 - centre * exp(-(({x} / edge)^2 + ({y} / edge)^2) / radius^2){grown}"
         if variant.options["kind"] == "edge":
             return f"{channel} *= exp(-edge_{x} * |{x} / edge|^order - edge_{y} * |{y} / edge|^order){grown}"
-        return f"{channel} *= B({x} / (1 + width_{x}), {y} / (1 + width_{y})) / B({x}, {y}){grown}"
+        wide = f"(1 + width_{x}), {y} / (1 + width_{y})"
+        thinned = f" * ((1 + width_{x}) * (1 + width_{y}))^-thinned" if driver else ""
+        return f"{channel} *= B({x} / {wide}) / B({x}, {y}){thinned}{grown}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Change of light over the field."""
@@ -124,15 +142,11 @@ class ProfileChange(LightFactor):
 
 
 def _scales(view: View, driver: str) -> list[dict[str, Option]]:
-    """What a driver is counted from: an age from its first value, and from nil where a record begins later.
-
-    A temperature also as what grows exponentially.
-    """
+    """What a driver is counted from: an age from its first value, and from nil where a record begins later."""
     if not driver:
         return [{}]
     if driver not in age_drivers(view):
-        plain: dict[str, Option] = {"reference": reference(view, driver), "range": span(view, driver)}
-        return [plain, {**plain, "grows": True}]
+        return [{"reference": reference(view, driver), "range": span(view, driver)}]
     own: dict[str, Option] = {**age_options(view, driver, by_pixel=True)}
     begun = driver != "time_s" and float(own["first"]) > 0.0 and "calibrated" not in own
     return [own, {**own, "first": 0.0}] if begun else [own]
@@ -143,8 +157,9 @@ def _size(view: View, variant: Variant, values: Values, driver: str) -> FloatArr
         return 1.0
     if "first" in variant.options:
         return aged(view, variant, driver)
-    share = excess(view, variant, driver) / float(variant.options["range"])
     if "grows" in variant.options:
-        growth = float(values["growth"])
-        return np.asarray(np.expm1(np.clip(growth * share, -20.0, 20.0)) / np.expm1(growth))
-    return share
+        kelvin = np.maximum(view.number(driver) + 273.15, 150.0)
+        colder = 1.0 / (float(variant.options["grows"]) + 273.15) - 1.0 / kelvin
+        rate = np.exp(np.clip(float(values["activation_energy"]) / _BOLTZMANN_EV * colder, -30.0, 3.0))
+        return np.asarray(np.nan_to_num(rate))
+    return excess(view, variant, driver) / float(variant.options["range"])
