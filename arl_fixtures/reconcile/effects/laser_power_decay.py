@@ -42,7 +42,7 @@ class PowerDecay(LightFactor):
     * each (where several units age): every unit loses its own share, by one exponent.
     * stress (where each unit ages at a temperature of its own): loss · exp(−E/k·(1/T − 1/T_ref)) · age^exponent.
     * curve (where a drive current is swept): I(J) = exp(−loss·a^exponent) · I_sim(J − threshold_rise·a^exponent):
-      what is lost in the cavity raises the threshold and lowers the slope. Also with the weighted age for a^exponent.
+      what is lost in the cavity raises the threshold and lowers the slope.
     """
 
     id = "laser.power_decay"
@@ -115,14 +115,6 @@ class PowerDecay(LightFactor):
                     channels=light_channels(view, channel),
                     drivers=(column, housing[0]),
                 )
-                for rise, driven in _driven(view, currents)[1:]:
-                    yield Variant(
-                        effect=self.id,
-                        options={**weighted, **driven},
-                        parameters=(*rise, loss, energy),
-                        channels=light_channels(view, channel),
-                        drivers=(column, housing[0], *map(str, driven.values())),
-                    )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Moves the light-current curve where there is one, then multiplies the light."""
@@ -143,11 +135,9 @@ class PowerDecay(LightFactor):
         """The law."""
         channel, column = variant.options["channel"], variant.options["age"]
         if variant.options["temperature"]:
-            warm, law = variant.options["temperature"], f"{channel} *= exp(-loss * W)"
-            if "current" in variant.options:
-                law = f"{channel} = {channel}({variant.options['current']} - threshold_rise * W), then {law}"
+            warm = variant.options["temperature"]
             return (
-                f"{law}, W = time weighted by exp(-activation_energy / k {warm}), "
+                f"{channel} *= exp(-loss * W), W = time weighted by exp(-activation_energy / k {warm}), "
                 f"1 = the record's length at {variant.options['reference']} °C"
             )
         if "within" in variant.options:

@@ -45,7 +45,7 @@ class Vignetting(LightFactor):
         for channel in signals(view):
             yield self._variant(view, channel, "natural", (amplitude("exponent", "1", -4.0, 16.0, 1.0),))
             steepest = float(np.nanmax(np.sqrt(1.0 / _cosine(view) ** 2 - 1.0)))
-            knee = shape("knee", "1", 0.0, 0.95 * steepest, *(share * steepest for share in (0.02, 0.3, 0.6)))
+            knee = shape("knee", "1", 0.0, 0.8 * steepest, *(share * steepest for share in (0.02, 0.3, 0.6)))
             yield self._variant(view, channel, "mechanical", (amplitude("parting", "1", 0.0, 3.0, 1.0), knee))
 
     def _variant(self, view: View, channel: str, kind: str, parameters: tuple[Parameter, ...]) -> Variant:
