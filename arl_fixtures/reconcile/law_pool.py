@@ -46,6 +46,8 @@ UNSHIFTED = frozenset({"is", "ratio", "step", "band", "above", "below", "parity"
 _CELLS = 100_000
 FAR_APART, FAR_BESIDE = 0.9, 0.25
 """Share of the gaps between a column's levels of which half a wave must be longer; of one over two columns."""
+_FILLED = 0.5
+"""Share of the thirds of a wave's turns in which a column must have levels."""
 MOST_TURNS, ALONE_TURNS = 16.0, 24.0
 """Turns of a wave over the span of each of two columns, and of one column alone."""
 _FINENESS = 0.125
@@ -294,7 +296,7 @@ def _best_wave(work: Work, name: str) -> float | None:
     if name == "time_s":  # a pump, a fan: images that follow each other closely tell what steps far apart cannot
         most = min(_most_turns(levels, FAR_BESIDE), max(_FINENESS * _CELLS / len(levels), ALONE_TURNS))
     else:
-        most = min(len(levels) / 3.0, ALONE_TURNS, _most_turns(levels))
+        most = _told_turns(levels, min(len(levels) / 3.0, ALONE_TURNS, _most_turns(levels)))
     frequencies: FloatArray = np.arange(0.5, most, _FINENESS, dtype=np.float64) / span
     direction = work.direction[good]
     score: FloatArray = np.bincount(code, direction * work.residual[good]).astype(np.float64)
@@ -308,6 +310,19 @@ def _most_turns(levels: FloatArray, apart: float = FAR_APART) -> float:
         return np.inf
     gap = float(np.quantile(np.diff(levels), apart))
     return 0.5 * float(levels[-1] - levels[0]) / gap
+
+
+def _told_turns(levels: FloatArray, most: float) -> float:
+    """Turns up to which a column's levels fill half of the thirds of a turn: fewer cannot tell a wave from another.
+
+    Levels in a few clusters, or on a lattice of every third number, see a short wave as a slow one.
+    """
+    place = (levels - levels[0]) / max(float(levels[-1] - levels[0]), 1e-300)
+    for turns in np.arange(1.0, most, 0.5):
+        cells = int(np.ceil(3.0 * turns))
+        if np.unique(np.minimum((place * cells).astype(np.int64), cells - 1)).size < _FILLED * cells:
+            return float(turns)
+    return most
 
 
 def _strongest(levels: FloatArray, score: FloatArray, weight: FloatArray, frequencies: FloatArray) -> int:
@@ -348,9 +363,15 @@ def _best_pair_wave(work: Work, first: str, second: str) -> tuple[float, float] 
     flat = code_a * len(b) + code_b
     score = np.bincount(flat, direction * work.residual[good], minlength=len(a) * len(b)).reshape(len(a), len(b))
     span_a, span_b = float(a[-1] - a[0]), float(b[-1] - b[0])
-    turns_a = np.arange(0.0, min(len(a) / 3.0, MOST_TURNS, _most_turns(a, FAR_BESIDE)), 0.125) / span_a
-    high = min(MOST_TURNS, _most_turns(b, FAR_BESIDE))
-    turns_b = np.arange(-high, high, 0.125) / span_b
+    most_a, most_b = (
+        most if name.endswith(("time_s", "time_s)")) else _told_turns(np.unique(work.features[name][good]), most)
+        for name, most in (
+            (first, min(len(a) / 3.0, MOST_TURNS, _most_turns(a, FAR_BESIDE))),
+            (second, min(MOST_TURNS, _most_turns(b, FAR_BESIDE))),
+        )
+    )  # fmt: skip
+    turns_a = np.arange(0.0, most_a, 0.125) / span_a
+    turns_b = np.arange(-most_b, most_b, 0.125) / span_b
     power = np.abs(np.exp(2j * np.pi * np.outer(turns_a, a)) @ score @ np.exp(2j * np.pi * np.outer(b, turns_b))) ** 2
     power[turns_a * span_a < 0.3, :] = 0.0
     power[:, np.abs(turns_b * span_b) < 0.3] = 0.0
