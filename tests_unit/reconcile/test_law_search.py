@@ -6,8 +6,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from arl_fixtures.reconcile.columns import Columns, FloatArray
+from arl_fixtures.reconcile.features import category_id
 from arl_fixtures.reconcile.law import Axis, Law, thresholds
-from arl_fixtures.reconcile.law_basis import MAP_KNOTS, curve_axis, map_of, members
+from arl_fixtures.reconcile.law_basis import MAP_KNOTS, Basis, curve_axis, map_of, members, tables_of
 from arl_fixtures.reconcile.law_evidence import evidence
 from arl_fixtures.reconcile.law_fit import Chosen
 from arl_fixtures.reconcile.law_search import is_law, search_law
@@ -163,3 +164,27 @@ def test_evidence_prefers_no_bend_where_there_is_none():
     gain, width = evidence(gram, strong, np.eye(10))
     assert gain > 300.0
     assert width == pytest.approx(0.3, rel=0.6)
+
+
+@given(
+    labels=st.sets(st.text(min_size=1, max_size=6), min_size=3, max_size=9),
+    new=st.text(min_size=7, max_size=9),
+    middle=st.floats(-2.0, 2.0),
+)
+def test_a_table_over_labels_says_of_a_new_one_what_the_known_ones_share(labels, new, middle):
+    known = sorted(labels)
+    numbers = np.array([category_id(label) for label in known])
+    assume(np.unique(numbers).size == numbers.size and category_id(new) not in numbers)
+    (axis,) = tables_of("run", numbers, category=True)
+    own = middle + np.linspace(-1.0, 1.0, len(known))
+    order = np.argsort(numbers)
+    values = np.zeros(axis.count)
+    values[1::2] = own[order]
+    ((axes, factor),) = Basis(axes=(axis,), price=0.0).closed(values)
+    of_known = factor * axes[0]({"run": numbers})
+    (of_new,) = factor * axes[0]({"run": np.array([category_id(new)])})
+    np.testing.assert_allclose(of_known, own)
+    assert abs(of_new) <= abs(own.mean()) + 1e-12
+    assert of_new * own.mean() >= 0.0
+    error = own.std() / np.sqrt(len(known) - 1)
+    assert abs(of_new - own.mean()) <= error

@@ -70,3 +70,19 @@ def test_a_beat_that_jitters_beyond_the_laser_s_coherence_is_more_noise_there():
     assert finding.effect == "readout.noise_excess"
     assert finding.drivers == ["true_range_m"]
     assert 15.0 < finding.where["true_range_m"][0] < 45.0
+
+
+def test_daylight_s_shot_noise_is_found_though_its_column_is_no_temperature_of_the_bench():
+    rng = np.random.default_rng(12)
+    klux = rng.choice([0.0, 5.0, 20.0, 45.0, 70.0, 90.0], 60)[np.arange(1200) // 20]
+    photons = rng.poisson(klux[:, None], (1200, 24)) - klux[:, None]
+    frames = 1e-3 * rng.normal(size=(1200, 24)) + 7.5e-5 * photons
+    made = columns_of(pa.table({
+        "step": np.arange(1200) // 20, "ambient_klux": klux, "housing_temperature_c": rng.uniform(20.0, 40.0, 1200),
+        "n_frames": np.full(1200, 24.0), "sim_distance_m": np.full(1200, 1.0),
+        "sim_distance_m_std": np.full(1200, 1e-3),
+        "distance_m": 1.0 + frames.mean(axis=1), "distance_m_std": frames.std(axis=1, ddof=1),
+    }))  # fmt: skip
+    (finding,) = diagnose(made)[0].findings
+    assert finding.effect == "readout.noise_excess"
+    assert finding.drivers == ["ambient_klux"]
