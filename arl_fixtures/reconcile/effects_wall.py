@@ -17,6 +17,8 @@ _WALLS = ("wall", "corner", "floor", "ceiling", "side")
 _WHITE = ("reflectance", "albedo")
 _LENGTHS = {"m": 1.0, "mm": 1e3}
 _RINGS, _SPOKES = 6, 8
+_SAME = 0.95
+"""Correlation with the distance from which a wall is taken for the target."""
 
 
 def logged_walls(view: View, unit: str) -> list[tuple[dict[str, Option], tuple[Parameter, ...]]]:
@@ -30,6 +32,7 @@ def logged_walls(view: View, unit: str) -> list[tuple[dict[str, Option], tuple[P
     """
     named = [name for name in sorted(view.columns.numbers) if _is_of_wall(name) and view.varies(name)]
     away = [n for n in named if unit_of(n) == unit and unit in _LENGTHS and view.span(n)[0] >= 0.0]
+    away = [n for n in away if not _is_target(view, n)]
     if not away:
         return []
     away.sort(key=lambda name: ("corner" not in name, name))
@@ -47,6 +50,15 @@ def logged_walls(view: View, unit: str) -> list[tuple[dict[str, Option], tuple[P
 
 def _is_of_wall(name: str) -> bool:
     return not name.startswith("sim_") and any(part in _WALLS for part in name.split("_"))
+
+
+def _is_target(view: View, name: str) -> bool:
+    """Whether a wall is what the rows look at: as far away as they see, but for their directions."""
+    away, far = view.number(name), view.sim[distances(view)[0]]
+    good = np.isfinite(away) & np.isfinite(far)
+    if good.sum() < 3 or np.ptp(away[good]) == 0.0 or np.ptp(far[good]) == 0.0:
+        return False
+    return bool(np.corrcoef(away[good], far[good])[0, 1] > _SAME)
 
 
 def by_the_wall(variant: Variant, values: Values, state: State, view: View) -> tuple[FloatArray, FloatArray]:

@@ -51,6 +51,23 @@ def test_light_by_way_of_a_wall_whose_distance_was_logged(white):
     assert found[0].drivers[0] == "corner_distance_m"
 
 
+def test_a_wall_that_is_the_target_itself_is_not_beside_it():
+    """A clock that runs slow, on a bench that logs how far its wall stands."""
+    rng = np.random.default_rng(14)
+    away = np.repeat(np.linspace(0.8, 3.4, 20), 40)
+    slant = np.tile(np.linspace(-20.0, 20.0, 40), 20)
+    far = away / np.cos(np.radians(slant))
+    ticks = np.floor(far / 0.00015 / 1.0006 + rng.random(far.size)) * 0.00015  # counted by the slow clock
+    made = columns_of(pa.table({
+        "step": np.repeat(np.arange(20), 40), "azimuth_deg": slant, "wall_distance_m": away, "true_range_m": far,
+        "n_frames": np.full(far.size, 10.0), "sim_distance_m": far, "sim_distance_m_std": np.full(far.size, 0.002),
+        "distance_m": ticks + 0.002 * rng.normal(size=far.size) / np.sqrt(10.0),
+    }))  # fmt: skip
+    (found,) = diagnose(made)[0].findings
+    assert found.effect == "timing.clock_scale"
+    assert "air.multipath" not in found.equivalent_to
+
+
 def test_a_rim_that_cuts_off_from_an_angle_on_is_vignetting():
     """Rays through a stop and a lens' rim behind it, counted on the stop; nothing is cut off near the axis."""
     rng = np.random.default_rng(4)

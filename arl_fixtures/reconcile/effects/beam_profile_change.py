@@ -34,8 +34,8 @@ _BOLTZMANN_EV = 8.617e-5
 class ProfileChange(LightFactor):
     """A beam that is stretched, falls off at its edges, or is worn in its middle.
 
-    * width: I *= B(az/(1+w_az), el/(1+w_el)) / B(az, el); where it grows also by ((1+w_az)(1+w_el))^−thinned: light
-      that is spread is missing in the middle (1), unless the power was set there (0).
+    * width: I *= B(az/(1+w_az), el/(1+w_el)) / B(az, el); a change of the power as a whole is the laser's.
+      By Arrhenius' law also by ((1+w_az)(1+w_el))^−thinned: what is spread is missing in the middle.
     * edge: I *= exp(−edge_az·|az/edge|^order − edge_el·|el/edge|^order).
     * centre: I *= 1 − centre·exp(−(r/radius)²), r the distance from the axis over the half field of view.
 
@@ -70,9 +70,8 @@ class ProfileChange(LightFactor):
                         parameters.append(shape("order", "1", 1.5, 8.0, 3.0))
                     if kind == "centre":
                         parameters = [amplitude("centre", "1", -2.0, 0.95, 0.05), shape("radius", "1", 0.1, 0.7, 0.5)]
-                    if driver and kind == "width":
-                        parameters.append(shape("thinned", "1", 0.0, 1.0, 0.5))
                     if "grows" in scale:
+                        parameters.append(shape("thinned", "1", 0.0, 1.0, 0.5))
                         parameters.append(shape("activation_energy", "eV", 0.05, 1.5, 0.35))
                     yield Variant(
                         effect=self.id,
@@ -122,7 +121,7 @@ class ProfileChange(LightFactor):
         if variant.options["kind"] == "edge":
             return f"{channel} *= exp(-edge_{x} * |{x} / edge|^order - edge_{y} * |{y} / edge|^order){grown}"
         wide = f"(1 + width_{x}), {y} / (1 + width_{y})"
-        thinned = f" * ((1 + width_{x}) * (1 + width_{y}))^-thinned" if driver else ""
+        thinned = f" * ((1 + width_{x}) * (1 + width_{y}))^-thinned" if "grows" in variant.options else ""
         return f"{channel} *= B({x} / {wide}) / B({x}, {y}){thinned}{grown}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
