@@ -26,6 +26,8 @@ GAUGE_FREEDOM = 12.0
 """Degrees of freedom on which a declared repeatability counts as resting: it is then off by 20 %, one in three."""
 FEWEST_CROSSED = 4
 """Groups of a level that a step must hold on average for its mean to tell of the step, not of them."""
+ALIKE = 1e-6
+"""Share of a constant's square that is left beside what steps share, below which the two are one."""
 UNNOTICED = 0.5
 """Scatter between steps that a repeatability stated as nil leaves possible, in standard errors of a step's mean."""
 
@@ -221,6 +223,24 @@ def less_shared(residual: FloatArray, shape: FloatArray, weight: FloatArray, cod
     """A residual less what the rows of each group share of it, in proportion to `shape`; all (n,)."""
     top, bottom = np.bincount(code, weight * shape * residual), np.bincount(code, weight * shape**2)
     return np.asarray(residual - shape * (top / np.maximum(bottom, 1e-300))[code])
+
+
+def beside_steps(
+    residual: FloatArray, step: Level, weight: FloatArray, scale: FloatArray | None, unit: IntArray
+) -> FloatArray:
+    """A residual beside what each step shares: in counts maybe, where the constant of a unit is a gain.
+
+    Args:
+        residual, weight, unit: of each row.
+        scale: what a unit's constant of 1 changes, (n,); None where it is of the step's own shape, or not free.
+    """
+    beside = less_shared(residual, step.scale, weight, step.code)
+    if scale is None:
+        return beside
+    slope = less_shared(scale, step.scale, weight, step.code)
+    if float(weight @ slope**2) < ALIKE * float(weight @ scale**2):
+        return beside
+    return less_constants(beside, slope, weight, unit, zero=False)
 
 
 def surprise(tau: float, floor: float, freedom: float) -> float:

@@ -17,9 +17,9 @@ from arl_fixtures.reconcile.mixed_model import UnitConstants
 from arl_fixtures.reconcile.noise import (
     Level,
     Whitener,
+    beside_steps,
     fit_tau,
     less_constants,
-    less_shared,
     level_of,
     surprise,
     unnoticed,
@@ -35,8 +35,6 @@ SCATTER_STEPS = 0.005
 """Share by which the scatter of frames differs from step to step at rest; it counts like a declared one."""
 ZERO_SHARE = 0.02
 """Standard deviation of a calibrated signal's zero beside an effect, as a share of the median signal."""
-ALIKE = 1e-6
-"""Share of a constant's square that is left beside what steps share, below which the two are one."""
 CALIBRATED = (Role.INTENSITY, Role.DISTANCE)
 """Roles whose gain or offset a user calibrates per unit: a constant of theirs carries no finding."""
 
@@ -232,23 +230,13 @@ class ChannelData:
         step = next((other for other in self.levels if other.name == "step"), None)
         known = step is not None and step.declared and level is not step and level.is_crossed(step)
         if step is not None and (level.name == "frame" or known):
-            centred = self._beside_steps(step, centred)
+            own = self.scale if self.calibrated and step.scale is not self.scale else None
+            centred = beside_steps(centred, step, self.root_weight**2, own, self.unit)
             count = float(step.count) if level.name == "frame" else max(count, 1.0)
         elif level.name == "step":
             count += lost
         sums, weight = partial.group_sums(centred, level.name)
         return fit_tau(sums, weight, floor=level.floor, lost=min(count, level.count / 2.0), freedom=level.freedom)
-
-    def _beside_steps(self, step: Level, centred: FloatArray) -> FloatArray:
-        """A residual beside what each step shares: in counts maybe, where the constant of a unit is a gain."""
-        weight = self.root_weight**2
-        centred = less_shared(centred, step.scale, weight, step.code)
-        if step.scale is self.scale or not self.calibrated:
-            return centred
-        slope = less_shared(self.scale, step.scale, weight, step.code)
-        if float(weight @ slope**2) < ALIKE * float(weight @ self.scale**2):
-            return centred
-        return less_constants(centred, slope, weight, self.unit, zero=False)
 
     def fit_scatter(
         self, residual: FloatArray, *, lost: float = 0.0, without: tuple[str, ...] = ()
