@@ -160,8 +160,15 @@ class PowerDecay(LightFactor):
         which = "" if len(losses) == 1 else ", each unit by its own share"
         column = str(variant.options["age"])
         low, high = view.span(column) if view.has(column) else (0.0, 0.0)
-        faster = f", faster while {variant.options['temperature']} is high" if variant.options["temperature"] else ""
-        return f"The light fades by {lost} % from {column} {low:.4g} to {high:.4g} {_plain(column)}{faster}{which}."
+        warm = variant.options["temperature"] or variant.options.get("stress", "")
+        faster = f", faster while {warm} is high" if warm else ""
+        if "stress" in variant.options:
+            faster += f" (at {variant.options['reference']:g} °C)"
+        what = f"The light fades by {lost} %"
+        if float(values.get("threshold_rise", 0.0)) > 0.0:
+            rise = f"The laser's threshold rises by {1e3 * float(values['threshold_rise']):.3g} mA"
+            what = f"{rise} and its slope falls by {lost} %" if max(losses) > 0.0 else rise
+        return f"{what} from {column} {low:.4g} to {high:.4g} {_plain(column)}{faster}{which}."
 
     def next_experiment(self, variant: Variant) -> str:
         """What tells it from a dirty window."""
