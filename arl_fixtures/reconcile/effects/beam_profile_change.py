@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Option, Stage, Values, Variant
+from arl_fixtures.reconcile.effects_arrhenius import arrhenius
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     LightFactor,
@@ -27,8 +28,6 @@ from arl_fixtures.reconcile.effects_common import (
 from arl_fixtures.reconcile.effects_illumination import Field, field_options
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
-
-_BOLTZMANN_EV = 8.617e-5
 
 
 class ProfileChange(LightFactor):
@@ -157,8 +156,7 @@ def _size(view: View, variant: Variant, values: Values, driver: str) -> FloatArr
     if "first" in variant.options:
         return aged(view, variant, driver)
     if "grows" in variant.options:
-        kelvin = np.maximum(view.number(driver) + 273.15, 150.0)
-        colder = 1.0 / (float(variant.options["grows"]) + 273.15) - 1.0 / kelvin
-        rate = np.exp(np.clip(float(values["activation_energy"]) / _BOLTZMANN_EV * colder, -30.0, 3.0))
+        energy, highest = float(values["activation_energy"]), float(variant.options["grows"])
+        rate = arrhenius(view.number(driver), energy, highest, most=3.0)
         return np.asarray(np.nan_to_num(rate))
     return excess(view, variant, driver) / float(variant.options["range"])

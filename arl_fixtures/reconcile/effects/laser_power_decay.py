@@ -8,6 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Option, Parameter, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_arrhenius import arrhenius
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     LightFactor,
@@ -28,7 +29,6 @@ from arl_fixtures.reconcile.effects_light_current import is_swept, shifted
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
-_BOLTZMANN_EV = 8.617e-5
 _FEWEST_STRESSED, _KEPT = 3, 0.05
 """Units that age at temperatures of their own, and how far each may leave its own, over what they differ by."""
 FEWEST_UNITS, MOST_UNITS = 3, 16
@@ -248,10 +248,9 @@ def _stress(view: View) -> dict[str, Option]:
 def _worn(variant: Variant, values: Values, view: View) -> FloatArray:
     """Age that has worn the laser on every row, 1 at the end: to a power, or weighted by the temperature."""
     if "stress" in variant.options:
-        kelvin = np.maximum(view.number(str(variant.options["stress"])) + 273.15, 150.0)
-        warmer = 1.0 / (float(variant.options["reference"]) + 273.15) - 1.0 / kelvin
-        faster = np.exp(np.clip(float(values["activation_energy"]) / _BOLTZMANN_EV * warmer, -30.0, 30.0))
-        return np.asarray(_age(variant, values, view) * np.nan_to_num(faster))
+        kept, origin = view.number(str(variant.options["stress"])), float(variant.options["reference"])
+        rate = np.nan_to_num(arrhenius(kept, float(values["activation_energy"]), origin))
+        return np.asarray(_age(variant, values, view) * rate)
     if not variant.options["temperature"]:
         return _age(variant, values, view)
     record = history(view, str(variant.options["temperature"]))
@@ -285,7 +284,6 @@ def _plain(column: str) -> str:
 
 def _wear(record: History, energy_ev: float, origin_c: float) -> FloatArray:
     """Time at the reference temperature that would have worn as much, by Arrhenius' law."""
-    kelvin = np.maximum(record.values + 273.15, 150.0)
-    weight = np.exp(np.clip(-energy_ev / _BOLTZMANN_EV * (1.0 / kelvin - 1.0 / (origin_c + 273.15)), -30.0, 30.0))
+    weight = arrhenius(record.values, energy_ev, origin_c)
     done = np.cumsum(weight, axis=1) - weight[:, :1]
     return np.asarray(done * record.interval)
