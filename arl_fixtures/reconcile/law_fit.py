@@ -15,6 +15,9 @@ from arl_fixtures.reconcile.law_work import Candidate, Work
 BETWEEN_SHARE = 0.25
 """Share of what a wave gains on unseen blocks that it must gain on levels of its columns that it has not seen."""
 
+GROUPS_AT_REST = 20.0
+"""Images on which the noise model counts as resting."""
+
 
 @dataclass(slots=True, kw_only=True)
 class Chosen:
@@ -27,6 +30,8 @@ class Chosen:
         left: whitened residual.
         likelier: gain of the channel's likelihood, less `cost`.
         shared: whether all terms vary only from step to step.
+        scatter: variance of what is left on the rows that the terms change, 1 where it is the noise's; never less.
+        image: group of each row at work that took its image, None where the table has none.
     """
 
     terms: list[Candidate] = field(default_factory=list)
@@ -38,6 +43,12 @@ class Chosen:
     inside: float = 0.0
     likelier: float = 0.0
     shared: bool = False
+    scatter: float = 1.0
+    image: IntArray | None = None
+
+    def beyond(self, other: Chosen) -> float:
+        """Log-likelihood on unseen blocks beyond another law's, in the scatter of the rows that tell them apart."""
+        return (self.held - other.held) / scatter_where(other.left - self.left, self.left, self.image)
 
     def cost(self) -> float:
         """Log-likelihood that the terms must bring: what their coefficients pay, and what choosing them is worth."""
@@ -62,7 +73,27 @@ def joint(work: Work, terms: list[Candidate]) -> Chosen:
         terms=terms, values=np.split(values, split), errors=np.split(errors, split), held=float(gains.sum()),
         z=float(gains.sum()) / spread if spread > 0 else 0.0, left=left,
         inside=0.5 * float(work.residual @ work.residual - left @ left),
+        scatter=scatter_where(work.residual - left, left, work.image), image=work.image,
     )  # fmt: skip
+
+
+def scatter_where(change: FloatArray, left: FloatArray, image: IntArray | None = None) -> float:
+    """Mean square of what is left where a law changes something, at least 1; or of what images have left in common.
+
+    The estimate of a coefficient's variance that needs no equal noise (White, Econometrica 48 (1980) 817; Liang &
+    Zeger, Biometrika 73 (1986) 13 for groups), over the usual one: a few rows whose noise is larger than stated,
+    those at edges say, are no better witnesses for it, nor are the rows of an image whose pose was off.
+    """
+    power = float(change @ change)
+    if power <= 0.0:
+        return 1.0
+    score = change * left
+    alone = float(score @ score) / power
+    if image is None:
+        return max(alone, 1.0)
+    sums = np.bincount(image, score)
+    together = (GROUPS_AT_REST + float(sums @ sums) / power * len(sums)) / (GROUPS_AT_REST + len(sums))
+    return max(alone, together, 1.0)
 
 
 def _paid(term: Candidate, values: FloatArray) -> float:

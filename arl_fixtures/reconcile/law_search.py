@@ -76,7 +76,7 @@ step share cannot imitate it."""
 
 def is_law(chosen: Chosen, *, beside: bool = False) -> bool:
     """Whether a law by itself is evidence of a mismatch; `beside`: of one that a name in the channel leaves."""
-    if not chosen.terms or chosen.held < LAW_GAIN:
+    if not chosen.terms or chosen.held < LAW_GAIN * chosen.scatter:
         return False
     usual = LIKELIER_SHARED if chosen.shared else LIKELIER
     least = LIKELIER_BESIDE if beside else usual
@@ -112,7 +112,7 @@ def find_terms(work: Work, pool: Candidates, whole: Work | None = None) -> Chose
             judged.tried.add(k)
             trial = joint(whole, [*chosen.terms, judged.items[k]])
             further = max(FURTHER_GAIN, FURTHER_SHARE * chosen.held) if chosen.terms else LEAST_GAIN
-            if trial.held > chosen.held + further:
+            if trial.beyond(chosen) > further:
                 if holds_between(whole, chosen, trial):
                     accepted = trial
                     ranked.append(k)
@@ -187,7 +187,7 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
         gain = after - before
         if found.shared:
             gain = of_few_steps(gain, sum(len(v) for v in found.values), data)
-        found.likelier = gain - found.cost()
+        found.likelier = gain / found.scatter - found.cost()
         stands, stood = is_law(found), is_law(chosen)  # what only fits gives way to what foretells
         least = chosen.likelier + START_GAIN if chosen.terms and stands == stood else 0.0
         if found.likelier > least and stands >= stood:
@@ -276,7 +276,7 @@ def narrowed(work: Work, chosen: Chosen, factors: Sequence[Axis]) -> Chosen:
         offers = Candidates(work, left).add(bases)
         for item in sorted(offers, key=lambda item: -item.gain)[:MOST_OFFERS]:
             trial = joint(work, [*chosen.terms[:place], item, *chosen.terms[place + 1 :]])
-            if trial.held > best.held + FURTHER_GAIN:
+            if trial.beyond(best) > FURTHER_GAIN:
                 best = trial
         chosen = best
     return chosen
@@ -294,7 +294,7 @@ def completed(work: Work, chosen: Chosen) -> Chosen:
                 continue
             item = weighed(work, basis, chosen.left)
             trial = joint(work, [*chosen.terms, item]) if item.gain > 0.0 else chosen
-            if trial.held > chosen.held + LEAST_GAIN:
+            if trial.beyond(chosen) > LEAST_GAIN:
                 chosen = trial
     return chosen
 

@@ -77,7 +77,8 @@ class Work:
             (level.code for level in levels if level.name == "step"), np.zeros(len(pick), dtype=np.int64)
         )
         self.fold, self.block = data.fold[pick], np.unique(data.block[pick], return_inverse=True)[1]
-        self.image_fold = _image_folds(next((lv.code for lv in levels if lv.name == "frame"), None), self.block)
+        self.image = next((level.code for level in levels if level.name == "frame"), None)
+        self.image_fold = _image_folds(self.image, self.block)
 
     def whiten(self, x: FloatArray) -> FloatArray:
         """Whitened vector without what a constant per unit explains."""

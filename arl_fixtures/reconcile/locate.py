@@ -19,6 +19,7 @@ from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.features import category_id
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm
+from arl_fixtures.reconcile.law_fit import scatter_where
 from arl_fixtures.reconcile.noise import fit_tau
 from arl_fixtures.reconcile.patterns import half_z, shared_part
 from arl_fixtures.reconcile.pilot import Looker
@@ -69,6 +70,7 @@ def locate(looker: Looker, data: ChannelData, state: State) -> Place | None:
     features = {name: values[data.use] for name, values in looker.features.items()}
     step = looker.problem.groups.step[looker.problem.view.rows[data.use]]
     best = _own_in_steps(data, residual, features, step)
+    frame = next((level.code for level in data.levels if level.name == "frame"), None)
     slopes: list[tuple[Axis, bool, _Sums]] = []
     for slope in _slopes(features, looker):
         if slope.column:
@@ -82,7 +84,14 @@ def locate(looker: Looker, data: ChannelData, state: State) -> Place | None:
             if slope.column == binning.column or (shared and alike):
                 continue
             found = _test(binning, slope, codes, sums)
-            if found is not None and (best is None or found.gain > best.gain):
+            if found is None or (best is not None and found.gain <= best.gain):
+                continue
+            change = (
+                np.asarray(found.table.values)[code] * data.expect * data.scale * slope(features) * data.root_weight
+            )
+            scatter = scatter_where(change, residual * data.root_weight - change, frame)
+            found = replace(found, gain=found.gain / scatter, z=found.z / np.sqrt(scatter))
+            if found.gain > (best.gain if best else LOCATED_GAIN) and found.z > LOCATED_Z:
                 best = found
     return best
 

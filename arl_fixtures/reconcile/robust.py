@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import special, stats
 
+from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.problem import Problem
@@ -14,6 +15,8 @@ MOST_LEFT = 3.0
 """Standard errors to which rows left by a rough term are held back."""
 LEAST_TAIL = -650.0
 """Logarithm of the least probability that is told from none: below, it is itself what a gain is worth."""
+LEAST_UNLIMITED = 0.1
+"""Share of a change that counts as seen by rows that are not held back, where there is less."""
 SMALLEST = 1e-290
 """Probability from which a number holds it with all its digits."""
 PRIOR_GROUPS, BARE_GROUPS = 20.0, 2.0
@@ -26,12 +29,14 @@ def robust_gain(problem: Problem, found: Fit, first: int, gain: float) -> float:
     The fitted change as a whole is one direction. The scores along it, summed over steps, angles or pixels, scatter
     more than the model says where rows share errors: that ratio (sandwich over model, blended as if the model's own
     rested on `PRIOR_GROUPS` groups) divides the gain, and Student's tail for the number of groups replaces the normal
-    one. The least favourable grouping counts.
+    one. The least favourable grouping counts; that of images takes rows as they are, outliers and all, as what turns
+    a whole image makes one of each of its edges.
     """
     if gain <= 0.0 or len(found.terms) == first:
         return gain
     others = forward(found.terms[:first], problem.view)
-    change, residual = problem.whiten_change(others, found.state), found.residual
+    whole, residual = problem.whiten_change(others, found.state), found.residual
+    change = whole
     if any(term.variant.rough or term.effect.displaces for term in found.terms):
         # rays that cross an edge a digit too early are no error that rows share
         held = np.minimum(1.0, MOST_LEFT / np.maximum(np.abs(residual), MOST_LEFT))
@@ -39,25 +44,39 @@ def robust_gain(problem: Problem, found: Fit, first: int, gain: float) -> float:
     kept = [k for k, (index, _) in enumerate(found.keys) if index < first]
     if kept:
         basis, _ = np.linalg.qr(found.jacobian[:, kept])
-        change = change - basis @ (basis.T @ change)
-    power = float(change @ change)
-    if power <= 0.0:
+        whole, change = whole - basis @ (basis.T @ whole), change - basis @ (basis.T @ change)
+    if float(change @ change) <= 0.0:
         return 0.0
     worst = np.inf
-    for code in (problem.groups.step, problem.groups.angle, problem.groups.pixel, problem.groups.block):
+    groups = problem.groups
+    for code in (groups.step, groups.frame, groups.angle, groups.pixel, groups.block):
         if code is None:
             continue
         group = np.unique(problem.codes(code), return_inverse=True)[1]
         count = int(group.max()) + 1
         if count < 4:
             continue
-        scores = np.bincount(group, change * residual, minlength=count)
-        ratio = float(scores @ scores) / power * count / (count - 1.0)
-        prior = _resting(problem, others, found.state) if code is problem.groups.step else PRIOR_GROUPS
+        moved, left = (whole, found.residual) if code is groups.frame else (change, residual)
+        scores = np.bincount(group, moved * left, minlength=count)
+        ratio = float(scores @ scores) / float(moved @ moved) * count / (count - 1.0)
+        if code is groups.frame:
+            ratio /= max(_unlimited(problem, found, whole), LEAST_UNLIMITED) ** 2
+        prior = _resting(problem, others, found.state) if code is groups.step else PRIOR_GROUPS
         ratio = max((prior + count * ratio) / (prior + count), 1.0)
         freedom = prior + count - 1.0
         worst = min(worst, _normal_gain(np.sqrt(2.0 * gain / ratio), freedom))
     return gain if not np.isfinite(worst) else worst
+
+
+def _unlimited(problem: Problem, found: Fit, change: FloatArray) -> float:
+    """Share of a change on rows that are not held back: for a limited loss its curvature, not its weights, counts.
+
+    Where the pose of an image is off, all its edges are, and rows held back for it pull with a constant force (Huber,
+    Robust Statistics, 1981, chapter 7): they are no witnesses.
+    """
+    trust = np.concatenate([d.trust for d in problem.data])
+    free = np.abs(found.residual) < MOST_LEFT * np.sqrt(trust)
+    return float(change[free] @ change[free]) / float(change @ change)
 
 
 def _resting(problem: Problem, before: State, after: State) -> float:

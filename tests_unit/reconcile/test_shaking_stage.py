@@ -1,0 +1,67 @@
+"""A stage that stands a little off at every stop, which no column and no stated scatter tells.
+
+The edges of an image are then off together. A swing of the stage, a law of the rails or a place on the sweep would
+be read out of a few dozen such stops; none of them is there.
+"""
+
+import numpy as np
+import pytest
+
+from arl_fixtures.reconcile.command import reconcile
+
+STEPS, ANGLES, PIXELS = 3, 41, 24
+
+
+def bright(bearing_deg):
+    """Light of four boards with soft edges, counts."""
+    boards = sum(
+        share * 0.5 * (1.0 + np.tanh((3.0 - np.abs(bearing_deg - middle)) / 0.4))
+        for middle, share in ((-40.0, 0.3), (-17.0, 0.6), (8.0, 1.0), (33.0, 0.5))
+    )
+    return 110.0 + 2800.0 * boards
+
+
+def shaken(seed, shake_deg=0.06):
+    rng = np.random.default_rng(seed)
+    step, stop, pixel = (
+        a.ravel() for a in np.meshgrid(np.arange(STEPS), np.arange(ANGLES), np.arange(PIXELS), indexing="ij")
+    )
+    angle, azimuth = np.linspace(-18.0, 18.0, ANGLES), np.linspace(-55.0, 55.0, PIXELS)
+    at = azimuth[pixel] + angle[stop]
+    simulated = bright(at)
+    scatter = np.sqrt(30.0 + 0.3 * simulated)
+
+    def logged(middle, spread):
+        return (middle + rng.normal(0.0, spread, (STEPS, ANGLES)))[step, stop]
+
+    true = bright(at + rng.normal(0.0, shake_deg, (STEPS, ANGLES))[step, stop])
+    return {
+        "step": step, "set_temperature_c": np.array([-10.0, 55.0, 55.0])[step], "stage_angle_deg": angle[stop],
+        "pixel_u": pixel, "azimuth_deg": azimuth[pixel], "rail_1v0_v": logged(1.0, 0.0015),
+        "rail_5v0_v": logged(5.0, 0.006), "laser_current_a": logged(90.0, 0.15),
+        "sim_intensity_counts": simulated, "sim_intensity_counts_std": scatter, "n_frames": np.full(len(step), 5),
+        "intensity_counts": true + rng.normal(0.0, 1.0, len(step)) * scatter / np.sqrt(5.0),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", [0, 2, 3, 7])
+def test_stops_that_are_off_by_chance_are_no_swing_of_the_stage(tmp_path, save, seed):
+    diagnosis = reconcile(save(tmp_path / "table.parquet", shaken(seed)), tmp_path / "out")
+    assert [(f.effect, f.statement) for f in diagnosis.findings if f.effect != "unknown"] == []
+
+
+@pytest.mark.parametrize("seed", [0, 2, 3, 4])
+def test_nor_are_they_a_law_of_a_rail_or_a_place_on_the_sweep(tmp_path, save, seed):
+    diagnosis = reconcile(save(tmp_path / "table.parquet", shaken(seed)), tmp_path / "out")
+    assert [(f.effect, f.statement) for f in diagnosis.findings] == []
+
+
+def test_a_swing_that_is_there_is_found_beside_them(tmp_path, save):
+    table = shaken(1, shake_deg=0.02)
+    bearing = table["azimuth_deg"] + table["stage_angle_deg"]
+    swing = 0.1 * np.sin(2.0 * np.pi * table["stage_angle_deg"] / 9.0)
+    table["intensity_counts"] = table["intensity_counts"] + bright(bearing + swing) - bright(bearing)
+    diagnosis = reconcile(save(tmp_path / "table.parquet", table), tmp_path / "out")
+    assert [f.effect for f in diagnosis.findings] == ["stage.periodic_error"]
+    period = next(p for p in diagnosis.findings[0].parameters if p.name == "period")
+    assert period.low < 9.0 < period.high
