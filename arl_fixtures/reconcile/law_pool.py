@@ -29,6 +29,7 @@ from arl_fixtures.reconcile.law_basis import (
     waves_of,
 )
 from arl_fixtures.reconcile.law_candidates import Candidates
+from arl_fixtures.reconcile.law_crossed import crossed_of
 from arl_fixtures.reconcile.law_pixels import drifts_of
 from arl_fixtures.reconcile.law_work import Candidate, Work
 from arl_fixtures.reconcile.pilot import Looker
@@ -111,6 +112,8 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
     numeric = [n for n in ranking if not (n in units or (not n.startswith(("~", "sim_")) and view.is_category(n)))]
     pool.add(bands_of(work, numeric, lines))
     pool.add(drifts_of(work, numeric))
+    recorded = [n for n in sorted(numeric) if not n.startswith(("~", "sim_"))]
+    pool.add(crossed_of(work, distinct(work, recorded), marks_of(looker)))
     pool.add(_refined(work, looker, pool.items))
     return pool
 
