@@ -37,6 +37,26 @@ class Channel:
     parent: str = ""
 
 
+@dataclass(frozen=True, slots=True)
+class Given:
+    """A column as the table has it, read under a name of the format: that = times · column + plus."""
+
+    name: str
+    times: float = 1.0
+    plus: float = 0.0
+
+    def formula(self) -> str:
+        """What stands for the known name in a law."""
+        text = self.name if self.times == 1.0 else f"{self.times:.6g} * {self.name}"
+        if self.plus:
+            text += f" {'-' if self.plus < 0 else '+'} {abs(self.plus):g}"
+        return text if text == self.name else f"({text})"
+
+    def back(self, x: float) -> float:
+        """A value of the known column in the table's unit."""
+        return (x - self.plus) / self.times
+
+
 @dataclass(slots=True)
 class Columns:
     """All usable columns of an observation table.
@@ -49,6 +69,7 @@ class Columns:
         derived: columns that the table lacks and its simulation shows, for effects only.
         lens: numbers of the camera whose rays these are, where only a sweep told it.
         smoothed: logged temperatures without their loggers' noise, for effects only.
+        given: column to the one that was read under its name.
         ignored: column to the reason why it is not used.
         ceilings: channel to the end of its scale, where rows stand at it.
         sweep_gap_deg, frame_gap_s: farther apart, rows are no neighbours in the sweep or in time.
@@ -68,6 +89,7 @@ class Columns:
     derived: dict[str, FloatArray] = field(default_factory=dict)
     lens: dict[str, float] = field(default_factory=dict)
     smoothed: dict[str, FloatArray] = field(default_factory=dict)
+    given: dict[str, Given] = field(default_factory=dict)
     memo: dict[object, Any] = field(default_factory=dict)
     _groups: dict[tuple[str, ...], IntArray] = field(default_factory=dict)
     _relations: dict[tuple[object, ...], IntArray] = field(default_factory=dict)

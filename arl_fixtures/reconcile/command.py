@@ -17,6 +17,7 @@ from arl_fixtures.reconcile.context import CONTEXT_FILE, beside, read_context, w
 from arl_fixtures.reconcile.diagnosis import Diagnosis
 from arl_fixtures.reconcile.localise import write_localisation
 from arl_fixtures.reconcile.model_file import corrected_state, read_model, terms_of, write_model
+from arl_fixtures.reconcile.own_words import in_own_words
 from arl_fixtures.reconcile.page import write_page
 from arl_fixtures.reconcile.progress_bar import Bar
 from arl_fixtures.reconcile.reconcile import diagnose
@@ -50,6 +51,7 @@ def reconcile(table_path: Path, out_dir: Path, progress: ProgressCall | None = N
     rows = open_table(table_path).metadata.num_rows
     diagnosis, model, decision = diagnose(columns, sha256=sha256_of(table_path), rows=rows, progress=progress)
     diagnosis.invisible.update(invisible_effects(decision))
+    in_own_words(diagnosis, columns.given)
     report: ProgressCall = progress or (lambda _text, _share: None)
     report("writing", WRITING)
     try:

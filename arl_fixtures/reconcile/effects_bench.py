@@ -16,6 +16,7 @@ from arl_fixtures.reconcile.effects_bench_scene import scenes_of
 from arl_fixtures.reconcile.effects_camera import Camera, cameras_of
 from arl_fixtures.reconcile.effects_common import distances, per_table, signals
 from arl_fixtures.reconcile.effects_rays import Optics, Spots, look
+from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 from arl_fixtures.twin.scene import SceneSettings
 
@@ -181,7 +182,7 @@ def _through(view: View, camera: Camera, scene: SceneSettings, code: IntArray, f
     table = view.columns
     u, v, stage = (table.numbers[name][first] for name in ("pixel_u", "pixel_v", "stage_angle_deg"))
     lit, ranged = next(iter(signals(view)), ""), next(iter(distances(view)), "")
-    unit = 1e3 if ranged.endswith("_mm") else 1.0
+    unit = per_metre(unit_of(ranged))
     device = table.group("dut")[first]
     soft = Optics(camera=camera, rays=_SOFT_RAYS, soft_rad=1.0 / (_SOFT_RAYS * camera.fx), scene=scene)
     beam, nothing = np.exp(camera.log_beam(u, v)), np.zeros(0)

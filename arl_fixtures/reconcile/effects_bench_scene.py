@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from arl_fixtures.reconcile.effects_camera import Camera
 from arl_fixtures.reconcile.effects_common import distances
 from arl_fixtures.reconcile.effects_rays import Optics, Spots, look
+from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 from arl_fixtures.twin.scene import SceneSettings
 
@@ -96,5 +97,5 @@ def _ranges(view: View) -> FloatArray | None:
     """Range of each row in metres as the simulation or the table says."""
     if distances(view):
         name = distances(view)[0]
-        return view.columns.numbers[f"sim_{name}"] * (1e-3 if name.endswith("_mm") else 1.0)
+        return view.columns.numbers[f"sim_{name}"] / per_metre(unit_of(name))
     return view.columns.numbers.get("true_range_m")

@@ -16,7 +16,7 @@ from scipy.optimize import nnls
 
 from arl_fixtures.reconcile.effect import Effect, Parameter, State, Values, Variant
 from arl_fixtures.reconcile.pixel_calibration import is_calibrated_by_pixel
-from arl_fixtures.reconcile.roles import Role, suffix, unit_of
+from arl_fixtures.reconcile.roles import Role, per_metre, suffix, unit_of
 from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]
@@ -33,6 +33,7 @@ _DARK = 1e-6
 _SAMPLE = 20_000
 _ROOM_C = 25.0
 _BENCH = ("plate", "coolant", "ambient", "chamber")
+_AGES = frozenset({"hours", "shots", "cycles"})
 _CALENDAR = ("cycle", "operating_time_h", "operating_hours_h", "shots")
 
 
@@ -118,7 +119,7 @@ def is_of_bench(column: str) -> bool:
 
 def counts_age(column: str) -> bool:
     """Whether a column counts cycles, operating hours or shots."""
-    return column in _CALENDAR or suffix(column) == "h" or column.endswith(("_hours", "_shots", "_cycles"))
+    return column in _CALENDAR or suffix(column) == "h" or not _AGES.isdisjoint(column.split("_"))
 
 
 def age_drivers(view: View) -> tuple[str, ...]:
@@ -317,4 +318,4 @@ def percent(low: float, high: float) -> str:
 
 def in_mm(length: float, channel: str) -> float:
     """A length in the unit of a distance channel, in millimetres."""
-    return length if unit_of(channel) == "mm" else length * 1e3
+    return length / per_metre(unit_of(channel)) * 1e3

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.effects_common import FloatArray, distances, per_table, per_view
 from arl_fixtures.reconcile.effects_pointing import footprint_share
+from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 IntArray = NDArray[np.int64]
@@ -196,7 +197,7 @@ def beyond_border(view: View, name: str) -> FloatArray:
 def at_centre(view: View, name: str) -> FloatArray:
     """Range of the surface at a pixel's centre: as the simulation says, else of the neighbour that shows it alone."""
     if "true_range_m" in view.columns.numbers:
-        return view.number("true_range_m") * (1e3 if name.endswith("_mm") else 1.0)
+        return view.number("true_range_m") * per_metre(unit_of(name))
     own_code, own, across = view.codes("surface")[0], view.number(f"sim_{name}"), beyond_border(view, name)
     best = np.full(view.n, np.nan)
     for codes, values in neighbours(view, f"sim_{name}"):
@@ -237,7 +238,7 @@ def _pulled(view: View, channel: str, surface: str, name: str) -> tuple[IntArray
     share, own = light_share(view, channel, surface), view.selects("surface", surface)
     index = view.columns.categories["surface"][1].index(surface)
     column = "true_range_m" if "true_range_m" in view.columns.numbers else f"sim_{name}"
-    unit = 1e3 if column == "true_range_m" and name.endswith("_mm") else 1.0
+    unit = per_metre(unit_of(name)) if column == "true_range_m" else 1.0
     there = np.where(own, at_centre(view, name), np.nan)
     for codes, values in neighbours(view, column):
         there = np.where(np.isnan(there) & (codes == index), unit * values, there)

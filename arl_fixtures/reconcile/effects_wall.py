@@ -10,12 +10,12 @@ import numpy as np
 
 from arl_fixtures.reconcile.effect import Option, Parameter, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import FloatArray, distances, rounded, shape
-from arl_fixtures.reconcile.roles import unit_of
+from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 _WALLS = ("wall", "corner", "floor", "ceiling", "side")
 _WHITE = ("reflectance", "albedo")
-_LENGTHS = {"m": 1.0, "mm": 1e3}
+_LENGTHS = ("m", "mm", "cm", "km")
 _RINGS, _SPOKES = 6, 8
 _SAME = 0.95
 """Correlation with the distance from which a wall is taken for the target."""
@@ -28,19 +28,22 @@ def logged_walls(view: View, unit: str) -> list[tuple[dict[str, Option], tuple[P
       signal: then that is of the share).
     * along: one that runs from the sensor, `aside` from it (or as far as another column says), to the target.
 
-    `white` is a column that says how bright the wall is.
+    `white` is a column that says how bright the wall is, `times` the distance's unit in the wall's.
     """
     named = [name for name in sorted(view.columns.numbers) if _is_of_wall(name) and view.varies(name)]
-    away = [n for n in named if unit_of(n) == unit and unit in _LENGTHS and view.span(n)[0] >= 0.0]
+    away = [n for n in named if unit_of(n) in _LENGTHS and view.span(n)[0] >= 0.0]
     away = [n for n in away if not _is_target(view, n)]
     if not away:
         return []
     away.sort(key=lambda name: ("corner" not in name, name))
     wall: dict[str, Option] = {"wall": away[0]}
+    if unit_of(away[0]) != unit:
+        wall["times"] = per_metre(unit) / per_metre(unit_of(away[0]))
+        away = [n for n in away if unit_of(n) == unit_of(away[0])]
     white = [name for name in named if name.endswith(_WHITE) and view.span(name)[0] >= 0.0]
     if white:
         wall |= {"white": white[0], "whitest": rounded(view.span(white[0])[1])}
-    size = _LENGTHS[unit]
+    size = per_metre(unit)
     reach = shape("reach", unit, 0.02 * size, 5.0 * size, 0.3 * size, 1.0 * size)
     if len(away) > 1:
         return [({**wall, "way": "corner"}, (reach,)), ({**wall, "way": "along", "aside": away[1]}, ())]
@@ -63,11 +66,12 @@ def _is_target(view: View, name: str) -> bool:
 
 def by_the_wall(variant: Variant, values: Values, state: State, view: View) -> tuple[FloatArray, FloatArray]:
     """Share of light by way of the wall, and its extra one-way path; rows without a logged distance have none."""
-    away = view.number(str(variant.options["wall"]))
+    times = float(variant.options.get("times", 1.0))
+    away = times * view.number(str(variant.options["wall"]))
     if variant.options["way"] == "along":
         aside: FloatArray | float = float(values["aside"]) if "aside" in values else 0.0
         if "aside" in variant.options:
-            aside = view.number(str(variant.options["aside"]))
+            aside = times * view.number(str(variant.options["aside"]))
         share, longer = along_a_wall(away, state[distances(view)[0]], aside)
     else:
         share, longer = 1.0 - away / np.hypot(away, float(values["reach"])), float(values.get("stretch", 1.0)) * away

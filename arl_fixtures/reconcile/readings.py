@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray
-from arl_fixtures.reconcile.roles import Role, suffix
+from arl_fixtures.reconcile.roles import Role, unit_of
 
 FEWEST_READINGS = 6
 """Readings of a step from which its line is drawn."""
@@ -49,7 +49,7 @@ def smooth_readings(columns: Columns, names: list[str] | None = None) -> list[st
     channels = {c.name for c in columns.channels}
     found = []
     for name in names if names is not None else sorted(columns.numbers):
-        if suffix(name) != "c" or name in channels or name.startswith("sim_") or name not in columns.numbers:
+        if unit_of(name) != "°C" or name in channels or name.startswith("sim_") or name not in columns.numbers:
             continue
         whole = columns.numbers[name]
         reading = whole[images.first]

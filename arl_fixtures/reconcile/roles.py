@@ -6,12 +6,14 @@ import re
 from enum import Enum
 
 UNIT_SUFFIXES = {
-    "counts": "counts", "m": "m", "mm": "mm", "um": "um", "nm": "nm", "deg": "deg", "rad": "rad", "c": "°C", "k": "K",
-    "s": "s", "ms": "ms", "us": "us", "ns": "ns", "ps": "ps", "h": "h", "v": "V", "mv": "mV", "a": "A", "ma": "mA",
-    "ua": "uA", "w": "W", "mw": "mW", "uw": "uW", "j": "J", "mj": "mJ", "hz": "Hz", "khz": "kHz", "mhz": "MHz",
+    "counts": "counts", "m": "m", "mm": "mm", "cm": "cm", "km": "km", "um": "um", "nm": "nm", "deg": "deg",
+    "rad": "rad", "c": "°C", "k": "K", "s": "s", "ms": "ms", "us": "us", "ns": "ns", "ps": "ps", "min": "min",
+    "h": "h", "v": "V", "mv": "mV", "uv": "uV", "a": "A", "ma": "mA", "ua": "uA", "na": "nA", "w": "W", "mw": "mW",
+    "uw": "uW", "nw": "nW", "j": "J", "mj": "mJ", "uj": "uJ", "nj": "nJ", "hz": "Hz", "khz": "kHz", "mhz": "MHz",
     "ghz": "GHz", "pa": "Pa", "hpa": "hPa", "bar": "bar", "pct": "%", "percent": "%", "px": "px", "cps": "1/s",
     "kcps": "1/s", "mcps": "1/s", "lux": "lx", "ohm": "Ohm", "g": "g", "kg": "kg", "n": "N", "rpm": "1/min",
-    "db": "dB", "dbm": "dBm",
+    "db": "dB", "dbm": "dBm", "cnt": "counts", "kcnt": "counts", "adu": "counts", "dn": "counts", "lsb": "counts",
+    "electrons": "counts", "photons": "counts", "pe": "counts", "degc": "°C", "celsius": "°C",
 }  # fmt: skip
 """Suffix after the last underscore to the unit it stands for."""
 
@@ -19,10 +21,24 @@ _NO_UNIT = frozenset({"pixel_u", "pixel_v"})
 """Numbers of a column and a row: their last letter is no unit."""
 _SIGNAL_WORDS = (
     "intensity", "signal", "photo", "amplitude", "power", "optical", "radiance", "light", "return", "echo",
-    "brightness", "flux", "luminance", "emission", "transmittance", "transmission", "responsivity",
+    "brightness", "flux", "luminance", "emission", "transmittance", "transmission", "responsivity", "reflected",
+    "throughput", "irradiance", "fluorescence",
 )  # fmt: skip
-_SIGNAL_UNITS = {"counts", "cps", "kcps", "mcps", "w", "mw", "uw", "j", "mj", "lux"}
-_READ_IN = {"", "a", "ma", "ua", "v", "mv", "hz", "khz", "mhz"}
+_SIGNAL_NAMES = frozenset(
+    {"counts", "cnt", "adu", "dn", "electrons", "hits", "events", "grey", "gray", "strength", "peak", "amp"}
+)
+"""Words that name light only when they stand alone between underscores: `lamp_v` is no amplitude."""
+_SIGNAL_UNITS = {
+    "counts", "cnt", "kcnt", "adu", "dn", "lsb", "electrons", "photons", "pe", "cps", "kcps", "mcps",
+    "w", "mw", "uw", "nw", "j", "mj", "uj", "nj", "lux",
+}  # fmt: skip
+_READ_IN = {"", "a", "ma", "ua", "na", "v", "mv", "uv", "hz", "khz", "mhz", "pct", "percent"}
+_LIGHT_SPEED_M_S = 299_792_458.0
+_PER_METRE = {
+    "m": 1.0, "mm": 1e3, "cm": 1e2, "km": 1e-3, "ns": 2e9 / _LIGHT_SPEED_M_S, "ps": 2e12 / _LIGHT_SPEED_M_S,
+}  # fmt: skip
+"""Units of a distance in a metre; a time of flight counts the way there and back."""
+_FLIGHT_WORDS = ("tof", "flight", "delay", "echo_time", "round_trip", "return_time")
 _SUPPLY_WORDS = ("rail", "laser", "supply", "bias", "tec", "pump", "heater", "drive", "battery", "clock", "rate")
 _VISIT_WORDS = (
     "step", "stop", "readout", "read_out", "visit", "position", "placement", "station", "pose", "point", "setting",
@@ -81,6 +97,8 @@ def role_of(name: str, channels: frozenset[str] | set[str] = frozenset()) -> Rol
 
     >>> [role_of(name).value for name in ("return_v", "echo_mv", "pulse_energy_mj", "laser_voltage_v", "n_returns")]
     ['intensity', 'intensity', 'intensity', 'other', 'other']
+    >>> [role_of(name).value for name in ("counts", "peak_v", "lamp_v", "depth_cm", "tof_ps", "width_ns")]
+    ['intensity', 'intensity', 'other', 'distance', 'distance', 'other']
     """
     if name.endswith("_std") and (name.removesuffix("_std") in channels or not channels):
         return Role.SCATTER
@@ -89,13 +107,25 @@ def role_of(name: str, channels: frozenset[str] | set[str] = frozenset()) -> Rol
         return Role.FRACTION
     if name.startswith("n_"):
         return Role.OTHER
-    if unit in _SIGNAL_UNITS or (unit in _READ_IN and any(word in name for word in _SIGNAL_WORDS)):
-        return Role.INTENSITY
-    if unit in {"m", "mm"}:
+    if unit in {"ns", "ps"} and any(word in name for word in _FLIGHT_WORDS):
         return Role.DISTANCE
-    if unit == "c":
+    named = any(word in name for word in _SIGNAL_WORDS) or bool(_SIGNAL_NAMES & set(name.split("_")))
+    if unit in _SIGNAL_UNITS or (unit in _READ_IN and named):
+        return Role.INTENSITY
+    if unit in {"m", "mm", "cm", "km"}:
+        return Role.DISTANCE
+    if UNIT_SUFFIXES.get(unit) == "°C":
         return Role.TEMPERATURE
     return Role.OTHER
+
+
+def per_metre(unit: str) -> float:
+    """What a metre of distance is in a unit of length, or of time of flight; 1 for any other unit.
+
+    >>> per_metre("mm"), round(per_metre("ns"), 4), per_metre("m")
+    (1000.0, 6.6713, 1.0)
+    """
+    return _PER_METRE.get(unit, 1.0)
 
 
 def may_be_light(name: str) -> bool:

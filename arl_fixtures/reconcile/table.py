@@ -18,6 +18,7 @@ from arl_fixtures.errors import DataError
 from arl_fixtures.reconcile.ceilings import leave_out_ceilings
 from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray, find_channels
 from arl_fixtures.reconcile.parcels import batches_of_parcels, drawn_rows, read_rows
+from arl_fixtures.reconcile.synonyms import read_as_known
 
 ALWAYS_CATEGORY = frozenset({"dut", "surface", "mixed"})
 FEWEST_ROWS = 4
@@ -132,6 +133,7 @@ def columns_of(table: pa.Table, *, path: Path | str = "table", for_prediction: b
             ignored[name] = f"is of type {kind}; only numbers, text and booleans are used"
         else:
             ignored[name] = f"is of type {kind}; only numbers, text and booleans are used"
+    given = read_as_known(numbers, categories)
     _rename_for_prediction(numbers, for_prediction=for_prediction)
     _check_text(numbers, categories, ignored)
     _check_pairs(numbers, ignored, for_prediction=for_prediction)
@@ -143,7 +145,7 @@ def columns_of(table: pa.Table, *, path: Path | str = "table", for_prediction: b
     if not for_prediction:
         _drop_repeats(numbers, categories, ignored)
         ceilings = leave_out_ceilings(numbers, tuple(c.name for c in channels), ignored)
-    return Columns(len(numbers[channels[0].name]), numbers, categories, channels, ignored, ceilings)
+    return Columns(len(numbers[channels[0].name]), numbers, categories, channels, ignored, ceilings, given=given)
 
 
 def _note_empty(numbers: dict[str, FloatArray], ignored: dict[str, str], *, keep: bool) -> None:

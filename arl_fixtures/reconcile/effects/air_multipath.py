@@ -19,7 +19,7 @@ from arl_fixtures.reconcile.effects_common import (
 from arl_fixtures.reconcile.effects_frame import add_stray_light, has_frames
 from arl_fixtures.reconcile.effects_strips import room
 from arl_fixtures.reconcile.effects_wall import by_the_wall, law_by_the_wall, logged_walls
-from arl_fixtures.reconcile.roles import Role, unit_of
+from arl_fixtures.reconcile.roles import Role, per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 _REACH_PX = (2, 5, 9)
@@ -54,7 +54,7 @@ class Multipath(Effect):
         if not far:
             return
         unit = unit_of(far[0])
-        size = 1e3 if unit == "mm" else 1.0
+        size = per_metre(unit)
         share = amplitude("share", "1", 0.0, 0.5, 0.01)
         lit = light_channels(view, channel) if channel else ()
         everything = tuple(dict.fromkeys((*far, *lit)))

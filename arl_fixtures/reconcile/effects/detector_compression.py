@@ -18,7 +18,7 @@ from arl_fixtures.reconcile.effects_common import (
     with_scatter,
 )
 from arl_fixtures.reconcile.effects_frame import ranged_by
-from arl_fixtures.reconcile.roles import unit_of
+from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 
@@ -51,7 +51,7 @@ class Compression(Effect):
                     drivers=(f"sim_{channel}",),
                 )
             for distance in ranged_by(view, channel)[:1]:
-                size = 1e3 if unit_of(distance) == "mm" else 1.0
+                size = per_metre(unit_of(distance))
                 shift = shape("shift", unit_of(distance), -5.0 * size, 5.0 * size, 0.05 * size, -0.05 * size)
                 yield Variant(
                     effect=self.id,

@@ -20,7 +20,7 @@ from arl_fixtures.reconcile.effects_common import (
     with_scatter,
 )
 from arl_fixtures.reconcile.effects_frame import ranged_by
-from arl_fixtures.reconcile.roles import unit_of
+from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 
@@ -53,7 +53,7 @@ class PileUp(Effect):
                 continue  # a current or a voltage is not counted
             widths: list[Parameter] = []
             if moved:
-                size = 1e3 if unit_of(moved[0]) == "mm" else 1.0
+                size = per_metre(unit_of(moved[0]))
                 widths.append(shape("width", unit_of(moved[0]), 0.005 * size, 2.0 * size, 0.05 * size))
             tails = [shape("tail", "1", 0.0, 1.0, 0.5)] if moved else []
             for kind, further in (

@@ -25,7 +25,7 @@ from arl_fixtures.reconcile.effects_common import (
     top_signal,
     with_scatter,
 )
-from arl_fixtures.reconcile.roles import unit_of
+from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 
@@ -64,7 +64,7 @@ class ColumnPattern(Effect):
 
     def _variant(self, view: View, channel: str, axis: str, kind: str, column: str) -> Variant:
         unit = unit_of(channel)
-        size = 2.0 if unit == "mm" else 0.002
+        size = 0.002 * per_metre(unit)
         size = 0.01 * top_signal(view, channel) if channel in signals(view) else size
         scale = span(view, column) if column else 1.0
         per = f"{unit}/K" if column else unit
@@ -98,7 +98,7 @@ class ColumnPattern(Effect):
 
     def _taps(self, view: View, channel: str, axis: str, kind: str, count: int) -> Variant:
         unit = unit_of(channel)
-        size = (0.01 * top_signal(view, channel)) if channel in signals(view) else (2.0 if unit == "mm" else 0.002)
+        size = (0.01 * top_signal(view, channel)) if channel in signals(view) else (0.002 * per_metre(unit))
         unit, size = (unit, size) if kind == "taps" else ("1", 0.01)
         return Variant(
             effect=self.id,

@@ -29,7 +29,7 @@ from arl_fixtures.reconcile.effects_pointing import (
 )
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.effects_scene import scene
-from arl_fixtures.reconcile.roles import unit_of
+from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 
@@ -51,7 +51,7 @@ class Eccentricity(Effect):
         if not view.varies("stage_angle_deg") or scene(view) is None or not distances(view):
             return
         unit = unit_of(distances(view)[0])
-        size = 1e3 if unit == "mm" else 1.0
+        size = per_metre(unit)
         for frame, way in product(("bench", "sensor"), ways_of_looking(view)):
             if frame == "sensor" and not view.varies("azimuth_deg"):
                 continue

@@ -19,7 +19,7 @@ from arl_fixtures.reconcile.effects_common import (
 )
 from arl_fixtures.reconcile.effects_render import footprint, rendered
 from arl_fixtures.reconcile.effects_surface import at_centre, beyond_border, borders, light_share
-from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.roles import Role, per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 _PEAKS = ("echo", "locked")
@@ -186,7 +186,7 @@ def _winner(view: View, name: str, kind: str) -> FloatArray:
 def _peak(view: View, name: str, pulse_m: float, *, strongest: bool) -> FloatArray:
     """Peak of the centre's and the other side's Gaussian echoes: uphill from the stronger, or from the centre's."""
     centre, beyond = at_centre(view, name), beyond_border(view, name)
-    width = pulse_m * (1e3 if name.endswith("_mm") else 1.0)
+    width = pulse_m * per_metre(unit_of(name))
     at = np.flatnonzero(borders(view) & np.isfinite(centre) & np.isfinite(beyond))
     own = per_view(view, "own share", lambda: _own_share(view))[at]
     near, far = centre[at], beyond[at]

@@ -9,7 +9,7 @@ import numpy as np
 from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import amplitude, is_of, shape
 from arl_fixtures.reconcile.effects_history import history, low_pass, on_rows, rate
-from arl_fixtures.reconcile.roles import Role, suffix
+from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.view import View
 
 
@@ -89,7 +89,7 @@ class ContactResistance(Effect):
 def _plate(view: View, channel: str) -> str:
     """Column of the plate's (else the coolant's) temperature: simulated where it is a channel; empty if unknown."""
     for part in ("plate", "coolant"):
-        of_part = [name for name in sorted(view.columns.numbers) if suffix(name) == "c" and is_of(name, part)]
+        of_part = [name for name in sorted(view.columns.numbers) if unit_of(name) == "°C" and is_of(name, part)]
         found = [name for name in of_part if not is_of(name, "sim", "set", "std") and name != channel]
         for name in sorted(found, key=lambda name: name != f"{part}_temperature_c"):
             return f"sim_{name}" if f"sim_{name}" in view.columns.numbers else name

@@ -17,7 +17,7 @@ from arl_fixtures.reconcile.effects_common import (
     shape,
     signals,
 )
-from arl_fixtures.reconcile.roles import unit_of
+from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 RETURN = "expected return"
@@ -44,7 +44,7 @@ class RangeWalk(Effect):
     def variants(self, view: View) -> Iterable[Variant]:
         """Edge and pulse for every pair of a distance and an intensity channel."""
         for distance in distances(view):
-            size = 1e3 if unit_of(distance) == "mm" else 1.0
+            size = per_metre(unit_of(distance))
             for signal in signals(view) or (*_read(view), RETURN):
                 simulated = view.varies("reflectance") if signal == RETURN else view.varies(f"sim_{signal}")
                 if not simulated and signal not in _read(view):

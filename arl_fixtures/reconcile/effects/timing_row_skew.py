@@ -19,7 +19,7 @@ from arl_fixtures.reconcile.effects_common import (
     temperature_drivers,
     unit_per,
 )
-from arl_fixtures.reconcile.roles import unit_of
+from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 
@@ -42,7 +42,7 @@ class RowSkew(Effect):
             return
         warm = temperature_drivers(view, "tof_temperature_c", "fpga_temperature_c", "housing_temperature_c", limit=2)
         for distance in distances(view):
-            size = 1e3 if unit_of(distance) == "mm" else 1.0
+            size = per_metre(unit_of(distance))
             for column, bent in (("", False), ("", True), *((column, False) for column in warm)):
                 scale = span(view, column) if column else 1.0
                 unit = unit_per(column, f"{unit_of(distance)}/px") if column else f"{unit_of(distance)}/px"

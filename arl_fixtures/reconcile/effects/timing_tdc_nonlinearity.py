@@ -16,7 +16,7 @@ from arl_fixtures.reconcile.effects_common import (
     period_starts,
     shape,
 )
-from arl_fixtures.reconcile.roles import unit_of
+from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 HARMONICS = 3
@@ -46,7 +46,7 @@ class TdcNonlinearity(Effect):
             spread, reach = _spread(view, distance)
             if not spread > 0.0:
                 continue
-            size = 1e3 if unit_of(distance) == "mm" else 1.0
+            size = per_metre(unit_of(distance))
             longest = min(0.7 * spread, 4.0 * size)
             shortest = max(spread / 30.0, 0.01 * size)
             if longest <= 1.05 * shortest:

@@ -15,7 +15,7 @@ from arl_fixtures.reconcile.effects_common import (
     temperature_drivers,
     unit_per,
 )
-from arl_fixtures.reconcile.roles import unit_of
+from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 
@@ -34,7 +34,7 @@ class TemperatureOffset(Effect):
         )
         for distance in distances(view):
             unit = unit_of(distance)
-            size = 1e3 if unit == "mm" else 1.0
+            size = per_metre(unit)
             low, high = view.span(f"sim_{distance}")
             kinds = ("offset", "scale") if low > 0.0 and high > 2.0 * low else ("offset",)
             for kind in kinds:

@@ -22,7 +22,7 @@ from arl_fixtures.reconcile.effects_common import (
     unit_per,
 )
 from arl_fixtures.reconcile.effects_history import History, history, lagged, on_rows, time_column
-from arl_fixtures.reconcile.roles import unit_of
+from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 _LONGEST = 0.25
@@ -63,7 +63,7 @@ class ThermalLag(Effect):
         if not time_column(view):
             return
         for distance in distances(view):
-            size = 1e3 if unit_of(distance) == "mm" else 1.0
+            size = per_metre(unit_of(distance))
             for column in _outside(view):
                 record = history(view, column)
                 if record is None:

@@ -1,0 +1,108 @@
+"""Tables whose columns have other names and units than the observation format's."""
+
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from arl_fixtures.reconcile.columns import Given
+from arl_fixtures.reconcile.command import predict, reconcile
+from arl_fixtures.reconcile.roles import Role, role_of
+from arl_fixtures.reconcile.synonyms import find_synonyms
+from arl_fixtures.reconcile.table import load_table
+
+
+def of_another_lab(columns):
+    """The bench's table in the words of someone else: kelvin, minutes, columns and rows."""
+    renamed = {
+        "pixel_u": "col", "pixel_v": "row", "azimuth_deg": "az_deg", "elevation_deg": "el_deg",
+        "stage_angle_deg": "turntable_deg", "housing_temperature_c": "housing_temperature_degc",
+    }  # fmt: skip
+    made = {renamed.get(name, name): values for name, values in columns.items()}
+    made["tof_temperature_k"] = made.pop("tof_temperature_c") + 273.15
+    made["elapsed_min"] = made.pop("time_s") / 60.0
+    return made
+
+
+def cooler_is_farther(columns, _rng):
+    columns["distance_m"] = columns["distance_m"] + 4e-5 * (columns["tof_temperature_c"] - 40.0)
+
+
+def test_the_answer_is_that_of_the_formats_names_in_the_tables_own(tmp_path, make_table, save):
+    table = make_table(3, cooler_is_farther)
+    for name, columns in (("ours", table), ("theirs", of_another_lab(table))):
+        reconcile(save(tmp_path / f"{name}.parquet", columns), tmp_path / name)
+    ours, theirs = (json.loads((tmp_path / n / "diagnosis.json").read_text())["findings"] for n in ("ours", "theirs"))
+    assert [f["effect"] for f in theirs] == [f["effect"] for f in ours] == ["timing.temperature_offset"]
+    assert [p["value"] for p in theirs[0]["law"]["parameters"]] == pytest.approx(
+        [p["value"] for p in ours[0]["law"]["parameters"]]
+    )
+    assert "tof_temperature_k" in theirs[0]["drivers"]
+    assert "(tof_temperature_k - 273.15)" in theirs[0]["law"]["expression"]
+    said = json.dumps(theirs)
+    assert not any(f"{name}" in said for name in ("tof_temperature_c", "azimuth_deg", "pixel_u"))
+
+
+def test_a_model_foretells_tables_in_the_same_words(tmp_path, make_table, save):
+    table = of_another_lab(make_table(3, cooler_is_farther))
+    reconcile(save(tmp_path / "table.parquet", table), tmp_path / "out")
+    few = {name: values[:3] for name, values in table.items() if name not in ("distance_m", "intensity_counts")}
+    predict(tmp_path / "out", save(tmp_path / "few.parquet", few), tmp_path / "said.parquet")
+    said = pq.read_table(tmp_path / "said.parquet")["corrected_distance_m"].to_numpy()
+    true = few["sim_distance_m"] + 4e-5 * (few["tof_temperature_k"] - 273.15 - 40.0)
+    assert np.all(np.abs(said - said.mean() - true + true.mean()) < 1e-4)
+
+
+def test_what_is_meant_by_two_columns_is_meant_by_none():
+    x = np.arange(4.0)
+    assert find_synonyms({"az_deg": x, "beam_azimuth_deg": x}, ()) == {}
+    assert find_synonyms({"az_deg": x, "azimuth_deg": x}, ()) == {}
+    assert find_synonyms({"az_deg": x, "sim_az_deg": x}, ()) == {}  # a channel keeps its name
+    assert find_synonyms({"col": x, "row": x + 0.5}, ()) == {}  # no numbers of pixels
+    assert find_synonyms({"gain_k": x}, ()) == {}  # nothing is at 3 K
+
+
+@given(st.floats(100.0, 900.0), st.floats(1e-3, 1e3))
+def test_units_come_back(kelvin, minutes):
+    assert Given("t_k", 1.0, -273.15).back(kelvin - 273.15) == pytest.approx(kelvin)
+    assert Given("t_min", 60.0).back(60.0 * minutes) == pytest.approx(minutes)
+
+
+@pytest.mark.parametrize(
+    ("name", "role"),
+    [
+        ("counts", Role.INTENSITY), ("peak_v", Role.INTENSITY), ("level_adu", Role.INTENSITY), ("lamp_v", Role.OTHER),
+        ("tof_ps", Role.DISTANCE), ("depth_cm", Role.DISTANCE), ("case_degc", Role.TEMPERATURE),
+        ("pulse_width_ns", Role.OTHER),
+    ],
+)  # fmt: skip
+def test_roles_of_channels_that_others_have(name, role):
+    assert role_of(name, {name}) is role
+
+
+def test_a_time_of_flight_is_a_distance(tmp_path, make_table, save, walk):
+    """The walk of a threshold in picoseconds, there and back, is the one in metres."""
+    found = {}
+    for unit, per_metre in (("m", 1.0), ("ps", 2e12 / 299_792_458.0)):
+        columns = make_table(5, walk)
+        for name in [n for n in columns if "distance_m" in n]:
+            columns[name.replace("distance_m", f"tof_{unit}" if unit == "ps" else "distance_m")] = (
+                columns.pop(name) * per_metre
+            )
+        path = save(tmp_path / f"{unit}.parquet", columns)
+        assert any(c.role is Role.DISTANCE for c in load_table(path).channels)
+        found[unit] = [f.effect for f in reconcile(path, tmp_path / unit).findings]
+    assert found["ps"] == found["m"] == ["timing.range_walk"]
+
+
+def test_channels_are_never_renamed(tmp_path):
+    pixels = np.arange(40)
+    table = {"az_deg": pixels * 1.0, "sim_az_deg": pixels * 1.0, "plate_degc": 20.0 + pixels}
+    pq.write_table(pa.table(table), tmp_path / "table.parquet")
+    columns = load_table(tmp_path / "table.parquet")
+    assert [c.name for c in columns.channels] == ["az_deg"]
+    assert set(columns.given) == {"plate_c"}
