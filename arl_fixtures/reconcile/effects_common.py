@@ -32,7 +32,7 @@ _DARK = 1e-6
 """Share of the largest signal below which a row sees nothing that would tell of the noise."""
 _SAMPLE = 20_000
 _ROOM_C = 25.0
-_BENCH = ("plate", "coolant", "ambient", "chamber")
+_BENCH = ("plate", "coolant", "ambient", "chamber", "oil", "bath", "room", "lab", "hall", "air", "dew", "frost")
 _AGES = frozenset({"hours", "shots", "cycles"})
 _CALENDAR = ("cycle", "operating_time_h", "operating_hours_h", "shots")
 
@@ -96,9 +96,12 @@ def with_scatter(view: View, *names: str) -> tuple[str, ...]:
 def temperature_drivers(view: View, *first: str, limit: int = 3, never: tuple[str, ...] = ()) -> tuple[str, ...]:
     """Varying logged temperatures that may drive an effect, preferred ones first.
 
-    Temperatures of the bench (plate, coolant, ambient, set-point) come in only where no other is left.
+    A preferred one may lack its middle word (`laser_c`) or have another. Temperatures of the bench (plate, coolant,
+    ambient, set-point) come in only where no other is left.
     """
-    names = [n for n in view.temperatures(*first) if not n.startswith(never)] if never else view.temperatures(*first)
+    parts = [name.removesuffix("_temperature_c") for name in first]
+    alike = [n for part in parts for n in view.temperatures() if is_of(n, part)]
+    names = [n for n in view.temperatures(*first, *dict.fromkeys(alike)) if not n.startswith(never or ("~",))]
     near = [n for n in names if not is_of_bench(n)]
     return tuple((near or list(names))[:limit])
 

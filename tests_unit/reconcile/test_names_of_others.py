@@ -11,9 +11,11 @@ from hypothesis import strategies as st
 
 from arl_fixtures.reconcile.columns import Given
 from arl_fixtures.reconcile.command import predict, reconcile
+from arl_fixtures.reconcile.effects_common import temperature_drivers
 from arl_fixtures.reconcile.roles import Role, role_of
 from arl_fixtures.reconcile.synonyms import find_synonyms
 from arl_fixtures.reconcile.table import load_table
+from arl_fixtures.reconcile.view import View
 
 
 def of_another_lab(columns):
@@ -106,3 +108,31 @@ def test_channels_are_never_renamed(tmp_path):
     columns = load_table(tmp_path / "table.parquet")
     assert [c.name for c in columns.channels] == ["az_deg"]
     assert set(columns.given) == {"plate_c"}
+
+
+def test_a_window_is_nearer_to_its_frost_than_the_dew_point_of_the_room(tmp_path):
+    rng = np.random.default_rng(1)
+    table = {
+        name: rng.uniform(-20.0, 40.0, 50) for name in ("dew_point_c", "board_c", "window_c", "room_c", "laser_c")
+    }
+    table |= {"echo_counts": rng.uniform(1.0, 2.0, 50), "sim_echo_counts": rng.uniform(1.0, 2.0, 50)}
+    pq.write_table(pa.table(table), tmp_path / "table.parquet")
+    view = View(load_table(tmp_path / "table.parquet"))
+    assert temperature_drivers(view, "window_temperature_c", limit=1) == ("window_c",)
+    assert temperature_drivers(view, "laser_temperature_c", "housing_temperature_c")[0] == "laser_c"
+    assert set(temperature_drivers(view)) == {"board_c", "window_c", "laser_c"}
+
+
+def test_shots_of_a_table_without_steps_share_the_energy_of_their_pulse(tmp_path, save):
+    """Photons of twelve pixels in 400 pulses, each with an energy of its own; without that nothing is found."""
+    for jitter, found in ((0.03, ["laser.pulse_energy_jitter"]), (0.0, [])):
+        rng = np.random.default_rng(7)
+        shot, pixel = (a.ravel() for a in np.meshgrid(np.arange(400), np.arange(12), indexing="ij"))
+        light = np.linspace(300.0, 2500.0, 12)[pixel]
+        energy = rng.gamma(1.0 / jitter**2, jitter**2, 400) if jitter else np.ones(400)
+        table = {
+            "shot_id": shot, "channel_no": pixel, "sim_echo_adu": light, "sim_echo_adu_std": np.sqrt(light),
+            "echo_adu": rng.poisson(light * energy[shot]).astype(float),
+        }  # fmt: skip
+        diagnosis = reconcile(save(tmp_path / f"{jitter}.parquet", table), tmp_path / f"{jitter}")
+        assert [f.effect for f in diagnosis.findings] == found

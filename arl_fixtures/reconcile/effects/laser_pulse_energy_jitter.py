@@ -14,11 +14,12 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
     temperature_drivers,
 )
-from arl_fixtures.reconcile.roles import unit_of
+from arl_fixtures.reconcile.roles import counts_visits, unit_of
 from arl_fixtures.reconcile.view import View
 
 _NUMBERS = ("frame", "shot", "pulse", "frame_number", "shot_number", "pulse_number", "frame_index", "shot_index")
 """Columns that number single frames."""
+_PULSES = frozenset({"shot", "pulse"})
 
 
 class PulseEnergyJitter(Effect):
@@ -58,11 +59,11 @@ class PulseEnergyJitter(Effect):
                         drivers=(column, f"sim_{channel}"),
                     )
                 continue
-            number = next((name for name in _NUMBERS if view.varies(name)), "")
+            number = next((name for name in (*_NUMBERS, *_numbered(view)) if view.varies(name)), "")
             if number and (not view.has("n_frames") or view.middle("n_frames") <= 1.0):
                 yield Variant(
                     effect=self.id,
-                    options={"channel": channel, "group": "frame"},
+                    options={"channel": channel, "group": "step" if _stands_for_steps(view, number) else "frame"},
                     parameters=(amplitude("jitter", "1", 0.0, 0.5, 0.01),),
                     channels=(channel,),
                     drivers=(number,),
@@ -112,3 +113,13 @@ def _ends(view: View) -> list[tuple[str, int]]:
     currents = [(name, 0) for name in view.covariates("_a") if "tec" not in name]
     warm = [(name, 1) for name in temperature_drivers(view, "laser_temperature_c", limit=1)]
     return [*currents[:1], *warm]
+
+
+def _stands_for_steps(view: View, number: str) -> bool:
+    """Whether a column that numbers pulses is what a table without steps is grouped by."""
+    return not view.has("step") and counts_visits(number)
+
+
+def _numbered(view: View) -> list[str]:
+    """Further columns that number pulses: those that stand for steps."""
+    return [n for n in view.covariates() if _stands_for_steps(view, n) and not _PULSES.isdisjoint(n.split("_"))]

@@ -87,8 +87,8 @@ class ContactResistance(Effect):
 
 
 def _plate(view: View, channel: str) -> str:
-    """Column of the plate's (else the coolant's) temperature: simulated where it is a channel; empty if unknown."""
-    for part in ("plate", "coolant"):
+    """Column of what the node is screwed to, else of what cools that; simulated where it is a channel, or empty."""
+    for part in ("plate", "heatsink", "sink", "coolant", "oil", "bath"):
         of_part = [name for name in sorted(view.columns.numbers) if unit_of(name) == "°C" and is_of(name, part)]
         found = [name for name in of_part if not is_of(name, "sim", "set", "std") and name != channel]
         for name in sorted(found, key=lambda name: name != f"{part}_temperature_c"):
