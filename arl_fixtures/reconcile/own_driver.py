@@ -12,8 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.effects_common import is_of
 from arl_fixtures.reconcile.problem import Problem
-from arl_fixtures.reconcile.roles import told_by
+from arl_fixtures.reconcile.roles import told_by, unit_of
 from arl_fixtures.reconcile.terms import Term, forward
 from arl_fixtures.reconcile.view import View
 
@@ -22,6 +23,22 @@ CELLS, FEWEST_IN_CELL = 12, 4
 OWN_SHARE, OWN_GAIN = 0.2, 6.0
 """Share of a further effect's gain that must lie within cells of an earlier one's drivers, and how much: of a change
 that grows from none with a driver of its own more than half is the same in all cells."""
+
+
+_PARTS = {
+    "laser": ("laser", "diode", "heatsink", "sink", "emitter", "vcsel"),
+    "detector": ("detector", "apd", "spad", "tof", "photodiode", "pd"),
+}
+"""Family of effects to the words by which a temperature is that part's."""
+
+
+def drives_another_part(term: Term) -> bool:
+    """Whether a temperature that drives an effect is another part's by its name, and not its own's."""
+    own = _PARTS.get(term.effect.id.split(".")[0])
+    temperatures = [name for name in term.variant.drivers if unit_of(name) == "°C"]
+    if own is None or any(is_of(name, *own) for name in temperatures):
+        return False
+    return any(is_of(name, *words) for words in _PARTS.values() for name in temperatures)
 
 
 def driven_by(term: Term) -> set[str]:

@@ -33,6 +33,7 @@ from arl_fixtures.reconcile.effects_bench import is_zero_fitted
 from arl_fixtures.reconcile.fit import Fit, finish, fit, hold_back_edges
 from arl_fixtures.reconcile.free_constants import constant_z, constants_alone
 from arl_fixtures.reconcile.grouping import find_groups, typical_gaps
+from arl_fixtures.reconcile.own_driver import drives_another_part
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.pixel_calibration import zero_fitted
 from arl_fixtures.reconcile.problem import Problem
@@ -385,6 +386,7 @@ class Search:
         return Ranked(candidate=candidate, fit=polished, gain=gain, robust=robust, alone=apart)
 
 
-def _simplest(ranked: Ranked) -> tuple[int, float, str]:
+def _simplest(ranked: Ranked) -> tuple[bool, int, float, str]:
     """Order of candidates that explain as much; equal ones in the order of their names, not of rounding errors."""
-    return ranked.candidate.free, -round(ranked.gain, 1), ranked.candidate.term.effect.id
+    term = ranked.candidate.term
+    return drives_another_part(term), ranked.candidate.free, -round(ranked.gain, 1), term.effect.id
