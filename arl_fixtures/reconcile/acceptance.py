@@ -37,6 +37,8 @@ LEAST_MEANS = 0.2
 TWIN_GAIN, LEAST_ROBUST = 2.0, 0.1
 """Of candidates that differ by less in log-likelihood the one with fewest parameters is taken; where both move edges,
 as a test that allows for shared errors counts it, down to this share of the plain one."""
+ESSENTIAL_Z = 2.0
+"""Standard errors by which an effect's essential parameter must differ from none."""
 PATTERN_ODDS = 0.65
 """Share of the threshold that an effect must gain over free patterns of pixels and angles in its place."""
 
@@ -122,6 +124,19 @@ def is_repeat(base: Fit, candidate: Candidate) -> bool:
 def _surfaces(term: Term) -> set[str]:
     """Surfaces on which a term acts; empty for all."""
     return {name for name in str(term.variant.options.get("surface", "")).split(TOGETHER) if name}
+
+
+def lacks_essential(ranked: Ranked) -> bool:
+    """Whether a candidate is fitted without what makes its name: a parameter less than two errors from none."""
+    place = next(
+        (k for k, (index, p) in enumerate(ranked.fit.keys)
+         if index == len(ranked.fit.terms) - 1 and p.name == ranked.fit.terms[-1].effect.essential), None
+    )  # fmt: skip
+    if place is None:
+        return False
+    variance = np.linalg.pinv(ranked.fit.jacobian.T @ ranked.fit.jacobian)[place, place]
+    null = ranked.fit.keys[place][1].null or 0.0
+    return bool((ranked.fit.values()[place] - null) ** 2 < ESSENTIAL_Z**2 * variance)
 
 
 def is_rounding(problem: Problem, base: Fit, ranked: Ranked) -> bool:

@@ -31,6 +31,7 @@ from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.law_of_rest import law_of_rest
 from arl_fixtures.reconcile.law_search import search_law
 from arl_fixtures.reconcile.locate import locate
+from arl_fixtures.reconcile.other_cause import OtherCauses
 from arl_fixtures.reconcile.patterns import (
     PATTERN_GAIN,
     Pattern,
@@ -95,6 +96,7 @@ class Decision:
         self.fallen: dict[str, Law] = {}
         self.refused: set[str] = set()
         self.after = dict(found.after)
+        self._causes = OtherCauses(found.looker)
 
     def run(self) -> tuple[list[Finding], dict[str, ChannelFit]]:
         """All findings, strongest first, and the agreement of each channel."""
@@ -116,8 +118,8 @@ class Decision:
         return ordered(findings, len(self.best.terms)), self._fits()
 
     def _is_constant(self, d: ChannelData) -> bool:
-        """Whether a channel is off by a gain or offset that no scatter of its steps explains."""
-        return d.calibrated and constant_z(d, self.final_state()) > CONSTANT_Z
+        """Whether a channel that no finding moves is off by a constant that no scatter of its steps explains."""
+        return d.calibrated and constant_z(d, self.problem.view.fresh_state()) > CONSTANT_Z
 
     # ---- decisions -------------------------------------------------------------------------------------------
 
@@ -183,8 +185,9 @@ class Decision:
         """Whether what names leave of a channel has another cause for sure: nothing that is left has none."""
         if not is_structure(self.after[d.channel.name]):
             return False
-        rows, left = self.found.looker.rows_of(d), self.after[d.channel.name].ceiling.prediction
-        return leaves_other_rows(self.problem, d, acting, rows, left)
+        rows, left = self.found.looker.rows_of(d), self.after[d.channel.name]
+        apart = leaves_other_rows(self.problem, d, acting, rows, left.ceiling.prediction)
+        return apart or self._causes.of(d, left, self.terms, acting)
 
     def _gain_of_terms(self, name: str) -> float:
         """Drop of half the sum of squares of a channel that the accepted effects bring."""
@@ -239,7 +242,8 @@ class Decision:
             return False
         beside = [p.term for p in self.patterns if d.channel.name in p.term.variant.channels]
         # but a law that says of pixels what a pattern says better is no rival of what acts beside it
-        return not beside or self._outdone_by_law(d, acting, [*self.best.terms, *beside])
+        outdone = not beside or self._outdone_by_law(d, acting, [*self.best.terms, *beside])
+        return outdone and not self._causes.of(d, self.after[d.channel.name], self.terms, acting)
 
     def _outdone_by_law(self, d: ChannelData, acting: Sequence[Term], terms: Sequence[Term]) -> bool:
         """Whether a law in the place of the acting names, beside the other terms, does clearly better than they."""
@@ -287,7 +291,7 @@ class Decision:
                 continue  # what is left came with a name's side effect on the scatter
             if lies_where_names_act(self.problem, d, acting, self.terms):
                 continue  # and this is what a name cannot know of the edges that it moves
-            if not acted or self.left_share(name) > UNKNOWN_SHARE:
+            if not acted or self.left_share(name) > UNKNOWN_SHARE or name in self._causes.found:
                 try:
                     law = law_of_rest(self.found.looker, d, state, self.after[name], beside=acted)
                 except np.linalg.LinAlgError as error:  # costs this law, not the answer

@@ -101,7 +101,8 @@ def temperature_drivers(view: View, *first: str, limit: int = 3, never: tuple[st
     """
     parts = [name.removesuffix("_temperature_c") for name in first]
     alike = [n for part in parts for n in view.temperatures() if is_of(n, part)]
-    names = [n for n in view.temperatures(*first, *dict.fromkeys(alike)) if not n.startswith(never or ("~",))]
+    preferred = dict.fromkeys([*first, *alike])
+    names = [n for n in view.temperatures(*preferred) if not n.startswith(never or ("~",))]
     near = [n for n in names if not is_of_bench(n)]
     return tuple((near or list(names))[:limit])
 

@@ -343,7 +343,7 @@ def _size_of(total: FloatArray, law: Law, sim: FloatArray) -> str:
 
 def constant_finding(decision: Decision, d: ChannelData) -> Finding:
     """A channel that is off by a constant gain or offset of each unit, which no effect explains."""
-    state = decision.final_state()
+    state = decision.problem.view.fresh_state()
     values, widths = d.constants(d.residual(state)), 1.96 * d.constant_errors
     unit = "1" if d.scale.min() != 1.0 or d.scale.max() != 1.0 else d.channel.unit
     word = "gain" if unit == "1" else "offset"

@@ -23,6 +23,7 @@ from arl_fixtures.reconcile.acceptance import (
     is_misfit,
     is_repeat,
     is_rounding,
+    lacks_essential,
 )
 from arl_fixtures.reconcile.carried_gains import carry_gains
 from arl_fixtures.reconcile.columns import Columns
@@ -281,7 +282,7 @@ class Search:
         first = chance.threshold(LEVEL_NAME)  # where no name of its kind, of steps or within them, acts yet
         sure = [r for r in ranked if evidence(r, self.surcharge) > (first if r.alone else threshold)]
         sure = [r for r in sure if not is_misfit(self.full, base, r, self.gains)]
-        return [r for r in sure if not is_rounding(self.full, base, r)]
+        return [r for r in sure if not (is_rounding(self.full, base, r) or lacks_essential(r))]
 
     def _other_variants(
         self, base: Fit, screening: Screening, chosen: Ranked, ranked: Sequence[Ranked]

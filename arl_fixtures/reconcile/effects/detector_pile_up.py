@@ -43,6 +43,7 @@ class PileUp(Effect):
         "Lee, Gardner, Nucl. Instrum. Methods A 441 (2000) 502 (hybrid dead time); Coates, J. Phys. E 1 (1968) 878"
     )
     confusable = ("detector.compression", "timing.range_walk")
+    essential = "load"  # a signal that only falls with the background may as well lose its gain to it
 
     def variants(self, view: View) -> Iterable[Variant]:
         """One per intensity channel."""

@@ -1,0 +1,64 @@
+"""Two causes in one channel, one of them in no library: the name stands, the other is a finding of its own."""
+
+import numpy as np
+import pytest
+
+from arl_fixtures.reconcile.command import reconcile
+
+
+def switched_heater(columns, rng):
+    """A heater whose switching couples into the timing, by its phase at each shot."""
+    columns["heater_phase_deg"] = rng.uniform(0.0, 360.0, len(columns["step"]))
+    step = np.where((columns["heater_phase_deg"] > 60.0) & (columns["heater_phase_deg"] < 170.0), 1.0, 0.0)
+    columns["distance_m"] = columns["distance_m"] + 1.5e-3 * step
+
+
+def turned_polariser(columns, rng):
+    """A polariser before the receiver, turned from image to image (Malus), and a stripe brighter than its card."""
+    image = np.unique(
+        np.stack([columns["step"], columns["stage_angle_deg"], columns["dut"] == "S1"]), axis=1, return_inverse=True
+    )[1].ravel()
+    columns["polariser_deg"] = rng.choice(np.arange(16) * 11.25, int(image.max()) + 1)[image]
+    malus = np.cos(np.radians(columns["polariser_deg"])) ** 2
+    columns["intensity_counts"] = columns["intensity_counts"] * (1.0 + 0.01 * malus)
+
+
+def brighter_stripe(columns, rng):
+    turned_polariser(columns, rng)
+    gain = np.where(columns["surface"] == "stripe_50", 1.012, 1.0)
+    columns["intensity_counts"] = columns["intensity_counts"] * gain
+
+
+def late_and_heated(columns, rng):
+    switched_heater(columns, rng)
+    columns["distance_m"] = columns["distance_m"] + 2.5e-5 * (columns["tof_temperature_c"] - 40.0)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(
+    ("change", "name", "driver"),
+    [
+        (brighter_stripe, "target.reflectance_error", "polariser_deg"),
+        (late_and_heated, "timing.temperature_offset", "heater_phase_deg"),
+    ],
+    ids=["polariser", "heater"],
+)
+def test_a_name_stands_beside_what_no_library_has(tmp_path, make_table, save, change, name, driver, seed):
+    diagnosis = reconcile(save(tmp_path / "table.parquet", make_table(seed, change)), tmp_path / "out")
+    assert sorted(f.effect for f in diagnosis.findings) == sorted([name, "unknown"])
+    unknown = next(f for f in diagnosis.findings if f.effect == "unknown")
+    assert unknown.drivers[0] == driver
+
+
+def product(columns, _rng):
+    """A stripe that pales as it warms: in no library, and its share at 85 °C looks like a wrong reflectance."""
+    warm = (columns["housing_temperature_c"] + 10.0) / 95.0
+    pale = np.where(columns["surface"] == "stripe_50", 0.03 * warm, 0.0)
+    columns["intensity_counts"] = columns["intensity_counts"] * (1.0 - pale)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_product_is_no_name_beside_an_unknown(tmp_path, make_table, save, seed):
+    diagnosis = reconcile(save(tmp_path / "table.parquet", make_table(seed, product)), tmp_path / "out")
+    assert [f.effect for f in diagnosis.findings] == ["unknown"]
+    assert {"surface", "housing_temperature_c"} & set(diagnosis.findings[0].drivers)
