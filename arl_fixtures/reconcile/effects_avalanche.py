@@ -6,6 +6,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.effect import Parameter
 from arl_fixtures.reconcile.effects_common import FloatArray, shape
+from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
 _SWEPT = 0.1
@@ -16,7 +17,7 @@ _NEAREST = 0.995
 
 def bias_column(view: View) -> str:
     """The detector's bias, where the table holds one that is swept; else empty."""
-    for name in view.covariates("_v"):
+    for name in view.voltages():
         low, high = view.span(name)
         if "bias" in name and low > 0.0 and high - low > _SWEPT * high:
             return name
@@ -26,7 +27,7 @@ def bias_column(view: View) -> str:
 def breakdown(view: View, bias: str) -> Parameter:
     """The voltage at which the gain diverges, beyond the highest bias."""
     top = view.span(bias)[1]
-    return shape("breakdown", "V", 1.01 * top, 4.0 * top, 1.15 * top, 1.5 * top)
+    return shape("breakdown", unit_of(bias), 1.01 * top, 4.0 * top, 1.15 * top, 1.5 * top)
 
 
 def multiplication(bias: FloatArray, at: FloatArray | float, order: float) -> FloatArray:

@@ -16,7 +16,7 @@ from scipy.ndimage import distance_transform_edt
 
 from arl_fixtures.reconcile.columns import Channel, Columns
 from arl_fixtures.reconcile.effect import State
-from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.roles import Role, unit_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -127,6 +127,14 @@ class View:
             if name.endswith(suffix) and not name.startswith("sim_") and name not in taken
             and not (name.endswith("_std") and name.removesuffix("_std") in taken) and self.varies(name)
         )  # fmt: skip
+
+    def currents(self) -> tuple[str, ...]:
+        """Varying currents that may drive a laser; a cooler's is none."""
+        return tuple(n for n in self.covariates() if unit_of(n) in {"A", "mA", "uA"} and "tec" not in n)
+
+    def voltages(self) -> tuple[str, ...]:
+        """Varying voltages."""
+        return tuple(n for n in self.covariates() if unit_of(n) in {"V", "mV"})
 
     def temperatures(self, *first: str) -> tuple[str, ...]:
         """Varying temperature covariates (`…_c`), those named in `first` before the others."""

@@ -136,3 +136,27 @@ def test_shots_of_a_table_without_steps_share_the_energy_of_their_pulse(tmp_path
         }  # fmt: skip
         diagnosis = reconcile(save(tmp_path / f"{jitter}.parquet", table), tmp_path / f"{jitter}")
         assert [f.effect for f in diagnosis.findings] == found
+
+
+def test_a_laser_in_milliamperes_and_kelvin_rolls_off(tmp_path, save):
+    """Threshold and slope at a junction that its own heat warms, light and heat in balance; drawn at random."""
+    rng = np.random.default_rng(4)
+    current, sink = rng.uniform(20.0, 160.0, 800), rng.uniform(288.0, 343.0, 800)
+
+    def light(sink_k):
+        junction, out = np.array(sink_k), np.zeros(800)
+        for _ in range(200):
+            threshold = 25.0 * np.exp((junction - 298.0) / 90.0)
+            out = 0.5 * np.exp(-(junction - 298.0) / 500.0) * np.logaddexp(0.0, (current - threshold) / 0.7) * 0.7
+            junction = 0.5 * junction + 0.5 * (sink_k + 0.08 * (1.8 * current - out))
+        return out
+
+    cold, seen = light(np.full(800, 298.0)), light(sink)
+    scatter = np.hypot(0.1, 0.005 * cold)
+    table = {
+        "bias_ma": current, "heatsink_k": sink, "sim_monitor_uw": cold, "sim_monitor_uw_std": scatter,
+        "monitor_uw": seen + scatter * rng.normal(size=800),
+    }  # fmt: skip
+    (found,) = reconcile(save(tmp_path / "table.parquet", table), tmp_path / "out").findings
+    assert found.effect == "laser.thermal_rolloff"
+    assert {"bias_ma", "heatsink_k"} <= set(found.drivers)

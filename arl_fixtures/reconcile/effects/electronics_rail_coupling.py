@@ -18,6 +18,7 @@ from arl_fixtures.reconcile.effects_common import (
     span,
 )
 from arl_fixtures.reconcile.effects_logged import is_noisy, step_mean
+from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
 _MOST_RAILS = 8
@@ -39,7 +40,7 @@ class RailCoupling(LightFactor):
 
     def variants(self, view: View) -> Iterable[Variant]:
         """One per rail, two where its readings are noisy; other voltages where no column is called a rail."""
-        volts = [name for name in view.covariates("_v") if name != "pixel_v"]
+        volts = view.voltages()
         rails = [name for name in volts if name.startswith("rail_")] or [name for name in volts if "tec" not in name]
         for channel in signals(view)[:1]:
             for rail in rails[:_MOST_RAILS]:
@@ -58,7 +59,7 @@ class RailCoupling(LightFactor):
                 low, high = view.span(rail)
                 if np.unique(view.number(rail)).size < _FEWEST_LEVELS:
                     continue
-                knee = shape("knee", "V", low, high, low + 0.6 * (high - low))
+                knee = shape("knee", unit_of(rail), low, high, low + 0.6 * (high - low))
                 yield Variant(
                     effect=self.id,
                     options={"channel": channel, "rail": rail, "reading": "drop-out", "reference": middle},

@@ -54,7 +54,7 @@ class PowerDecay(LightFactor):
         """One per column that counts age, and one per time weighted by temperature."""
         columns = age_drivers(view)
         warm = temperature_drivers(view, "laser_temperature_c", "housing_temperature_c", limit=2)
-        currents = [name for name in view.covariates("_a") if "tec" not in name and is_swept(view, name)]
+        currents = [name for name in view.currents() if is_swept(view, name)]
         for channel in signals(view):
             for column in columns:
                 plain: dict[str, Option] = {"channel": channel, "age": column, "temperature": ""}
@@ -226,7 +226,8 @@ def _driven(view: View, currents: list[str]) -> list[tuple[tuple[Parameter, ...]
     ways: list[tuple[tuple[Parameter, ...], dict[str, Option]]] = [((), {})]
     for current in currents[:1]:
         low, high = view.span(current)
-        ways.append(((amplitude("threshold_rise", "A", 0.0, high - low, 0.02 * (high - low)),), {"current": current}))
+        rise = amplitude("threshold_rise", unit_of(current), 0.0, high - low, 0.02 * (high - low))
+        ways.append(((rise,), {"current": current}))
     return ways
 
 

@@ -110,7 +110,7 @@ class PulseEnergyJitter(Effect):
 
 def _ends(view: View) -> list[tuple[str, int]]:
     """Columns at one end of which a laser runs worst, and which: its current 0 (low), its temperature 1."""
-    currents = [(name, 0) for name in view.covariates("_a") if "tec" not in name]
+    currents = [(name, 0) for name in view.currents()]
     warm = [(name, 1) for name in temperature_drivers(view, "laser_temperature_c", limit=1)]
     return [*currents[:1], *warm]
 

@@ -52,7 +52,7 @@ class ThermalRolloff(LightFactor):
     def variants(self, view: View) -> Iterable[Variant]:
         """By the laser's temperature first, then the housing's; the curve where a drive current varies."""
         columns = temperature_drivers(view, "laser_temperature_c", "heatsink_temperature_c", "housing_temperature_c")
-        currents = [name for name in view.covariates("_a") if "tec" not in name]
+        currents = view.currents()
         for channel in signals(view):
             for current in [name for name in currents[:1] if is_swept(view, name)]:
                 yield self._by_own_heat(view, channel, current, columns[0] if columns else "")
@@ -63,7 +63,8 @@ class ThermalRolloff(LightFactor):
                 growth = shape("growth", "1/K", 0.0, 8.0 / wide, 0.0, 3.0 / wide)
                 if currents and is_swept(view, currents[0]):
                     reach = float(np.subtract(*view.span(currents[0])[::-1]))
-                    shift = amplitude("threshold_shift", "A/K", 0.0, reach / wide, 0.02 * reach / wide)
+                    each = f"{unit_of(currents[0])}/K"
+                    shift = amplitude("threshold_shift", each, 0.0, reach / wide, 0.02 * reach / wide)
                     loss = amplitude("loss", "1/K", -1.0 / wide, 3.0 / wide, 0.05 / wide)
                     origin = shape("reference", "°C", low, high, low, reference(view, column))
                     kind: dict[str, Option] = {"kind": "curve", "temperature": column, "current": currents[0]}
@@ -93,7 +94,7 @@ class ThermalRolloff(LightFactor):
     def _by_own_heat(self, view: View, channel: str, current: str, column: str) -> Variant:
         low, high = view.span(current)
         voltages = [c.name for c in view.columns.channels if unit_of(c.name) == "V" and c.role is Role.OTHER]
-        shift = amplitude("threshold_shift", "A", 0.0, high - low, 0.01 * (high - low))
+        shift = amplitude("threshold_shift", unit_of(current), 0.0, high - low, 0.01 * (high - low))
         loss = amplitude("loss", "1", 0.0, 3.0, 0.02)
         drop = [amplitude("voltage_drop", "V", 0.0, 1.0, 0.005)] if voltages else []
         power = shape("exponent", "1", 0.7, 3.0, 1.0, 2.0)
