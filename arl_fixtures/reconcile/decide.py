@@ -262,7 +262,7 @@ class Decision:
             plain = 0.0
         edges = lies_where_names_act(self.problem, d, acting, self.terms)
         needed = needed_by_law(named, plain, acting, law.drivers, at_edges=edges)
-        return chosen.z > LEAST_Z and chosen.likelier > needed
+        return chosen.z > LEAST_Z and chosen.plain > needed
 
     def _mostly_in(self, term: Term, names: set[str]) -> bool:
         energy = self.energy(term)

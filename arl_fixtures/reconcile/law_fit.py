@@ -28,7 +28,8 @@ class Chosen:
         z: its significance over blocks.
         inside: the same on the rows of the fit itself.
         left: whitened residual.
-        likelier: gain of the channel's likelihood, less `cost`.
+        plain: gain of the channel's likelihood, less `cost`: what laws and names are compared by.
+        likelier: the same with the gain in units of `scatter`: what tells of a mismatch.
         shared: whether all terms vary only from step to step.
         scatter: variance of what is left on the rows that the terms change, 1 where it is the noise's; never less.
         image: group of each row at work that took its image, None where the table has none.
@@ -41,6 +42,7 @@ class Chosen:
     z: float = 0.0
     left: FloatArray = field(default_factory=lambda: np.zeros(0))
     inside: float = 0.0
+    plain: float = 0.0
     likelier: float = 0.0
     shared: bool = False
     scatter: float = 1.0

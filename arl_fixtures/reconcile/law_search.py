@@ -187,7 +187,7 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
         gain = after - before
         if found.shared:
             gain = of_few_steps(gain, sum(len(v) for v in found.values), data)
-        found.likelier = gain / found.scatter - found.cost()
+        found.plain, found.likelier = gain - found.cost(), gain / found.scatter - found.cost()
         stands, stood = is_law(found), is_law(chosen)  # what only fits gives way to what foretells
         least = chosen.likelier + START_GAIN if chosen.terms and stands == stood else 0.0
         if found.likelier > least and stands >= stood:

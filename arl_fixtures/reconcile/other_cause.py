@@ -85,7 +85,7 @@ def has_another_cause(
     columns = [{told_by(name) for name in term.basis.columns} for term in alone.terms]
     other = {told_by(name) for name in law.drivers}
     least = -LIKELIER if all(c <= own or c <= other for c in columns) else LIKELIER
-    return named + chosen.likelier > alone.likelier + least
+    return named + chosen.plain > alone.plain + least
 
 
 def _goes_along(looker: Looker, d: ChannelData, change: FloatArray, term: Term) -> bool:

@@ -206,6 +206,6 @@ def is_outdone(
             continue
         law, chosen = search_law(looker, d, state, leading_of(d))
         least = pattern.gain + max(BEATEN_BY, BEATEN_SHARE * pattern.gain)
-        if chosen.z > LEAST_Z and chosen.likelier > least and not set(law.drivers) <= PIXEL_COLUMNS:
+        if chosen.z > LEAST_Z and chosen.plain > least and not set(law.drivers) <= PIXEL_COLUMNS:
             return True
     return False
