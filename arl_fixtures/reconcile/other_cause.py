@@ -63,7 +63,7 @@ def has_another_cause(
 
     And whether names and law together are likelier than a law of all that the channel has: of one cause that is a
     product a name may take one factor and leave the other. A law whose terms hold what drives the names, or what
-    drives the rest, and never both, tells of two causes itself.
+    drives the rest, each in terms of its own, tells of two causes itself.
 
     Args:
         looker: of the problem.
@@ -84,7 +84,8 @@ def has_another_cause(
     alone = search_law(looker, d, bare, [*law.drivers, *left.leading()])[1]
     columns = [{told_by(name) for name in term.basis.columns} for term in alone.terms]
     other = {told_by(name) for name in law.drivers}
-    least = -LIKELIER if all(c <= own or c <= other for c in columns) else LIKELIER
+    tells_both = any(c <= own for c in columns) and all(c <= own or c <= other for c in columns)
+    least = -LIKELIER if tells_both else LIKELIER
     return named + chosen.plain > alone.plain + least
 
 

@@ -62,3 +62,23 @@ def test_a_product_is_no_name_beside_an_unknown(tmp_path, make_table, save, seed
     diagnosis = reconcile(save(tmp_path / "table.parquet", make_table(seed, product)), tmp_path / "out")
     assert [f.effect for f in diagnosis.findings] == ["unknown"]
     assert {"surface", "housing_temperature_c"} & set(diagnosis.findings[0].drivers)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_resonance_of_the_stage_has_no_zero_beside_it(tmp_path, save, seed):
+    """A rotor on a belt, driven through its resonance: the mean of what it does is no zero of the stage."""
+    rng = np.random.default_rng(seed)
+    speed, angle, run = (
+        a.ravel() for a in np.meshgrid(np.linspace(2.0, 40.0, 13), np.linspace(-40.0, 40.0, 9), np.arange(7))
+    )
+    ratio = speed / 19.0
+    swing = 3e-4 * ratio**2 / np.hypot(1.0 - ratio**2, 0.12 * ratio)  # of an unbalanced rotor: none at rest
+    table = {
+        "run": run, "stage_speed_dps": speed, "stage_angle_deg": angle,
+        "room_temperature_c": rng.uniform(20.0, 23.0, 819),
+        "sim_measured_angle_deg": angle, "sim_measured_angle_deg_std": np.full(819, 1e-3),
+        "measured_angle_deg": angle + swing + rng.normal(0.0, 1e-3, 819),
+    }  # fmt: skip
+    found = reconcile(save(tmp_path / "table.parquet", table), tmp_path / "out").findings
+    assert [f.effect for f in found] == ["unknown"]
+    assert found[0].drivers[0] == "stage_speed_dps"
