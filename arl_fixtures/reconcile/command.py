@@ -51,7 +51,7 @@ def reconcile(table_path: Path, out_dir: Path, progress: ProgressCall | None = N
     rows = open_table(table_path).metadata.num_rows
     diagnosis, model, decision = diagnose(columns, sha256=sha256_of(table_path), rows=rows, progress=progress)
     diagnosis.invisible.update(invisible_effects(decision))
-    in_own_words(diagnosis, columns.given)
+    told = in_own_words(diagnosis, columns.given)
     report: ProgressCall = progress or (lambda _text, _share: None)
     report("writing", WRITING)
     try:
@@ -60,9 +60,9 @@ def reconcile(table_path: Path, out_dir: Path, progress: ProgressCall | None = N
     except OSError as error:
         raise DataError(f"{out_dir}: cannot be written ({error.strerror})") from None
     try:
-        write_json(work / "diagnosis.json", diagnosis)
+        write_json(work / "diagnosis.json", told)
         write_model(work / "model.yaml", model)
-        write_page(work / "diagnosis.html", diagnosis, decision)
+        write_page(work / "diagnosis.html", told, decision, pictured=diagnosis)
         channels = columns.channels
         if model.effects or model.unknown:
             write_context(work / CONTEXT_FILE, columns)
@@ -79,7 +79,7 @@ def reconcile(table_path: Path, out_dir: Path, progress: ProgressCall | None = N
         raise DataError(f"{out_dir}: cannot be written ({error.strerror})") from None
     finally:
         shutil.rmtree(work, ignore_errors=True)
-    return diagnosis
+    return told
 
 
 def predict(model_dir: Path, table_path: Path, out_file: Path, progress: ProgressCall | None = None) -> None:

@@ -4,28 +4,30 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 
 from arl_fixtures.reconcile.columns import Given
 from arl_fixtures.reconcile.diagnosis import Diagnosis, Finding
 
 
-def in_own_words(diagnosis: Diagnosis, given: Mapping[str, Given]) -> None:
-    """Say what was found by the table's own names and units."""
+def in_own_words(diagnosis: Diagnosis, given: Mapping[str, Given]) -> Diagnosis:
+    """What was found by the table's own names and units; the diagnosis itself stays as it is."""
     if not given:
-        return
-    for finding in diagnosis.findings:
-        _reword(finding, given)
-    diagnosis.notes = {_named(name, given): _said(why, given) for name, why in diagnosis.notes.items()}
-    diagnosis.invisible = {effect: _said(why, given) for effect, why in diagnosis.invisible.items()}
+        return diagnosis
+    return replace(
+        diagnosis, findings=[_reworded(finding, given) for finding in diagnosis.findings],
+        notes={_named(name, given): _said(why, given) for name, why in diagnosis.notes.items()},
+        invisible={effect: _said(why, given) for effect, why in diagnosis.invisible.items()},
+    )  # fmt: skip
 
 
-def _reword(finding: Finding, given: Mapping[str, Given]) -> None:
-    finding.drivers = [_named(name, given) for name in finding.drivers]
-    finding.where = {_named(name, given): _in_own_unit(name, ends, given) for name, ends in finding.where.items()}
-    formulas = {name: g.formula() for name, g in given.items()}
-    finding.expression = _replaced(finding.expression, formulas)
-    finding.statement = _said(finding.statement, given)
-    finding.next_experiment = _said(finding.next_experiment, given)
+def _reworded(finding: Finding, given: Mapping[str, Given]) -> Finding:
+    return replace(
+        finding, drivers=[_named(name, given) for name in finding.drivers],
+        where={_named(name, given): _in_own_unit(name, ends, given) for name, ends in finding.where.items()},
+        expression=_replaced(finding.expression, {name: g.formula() for name, g in given.items()}),
+        statement=_said(finding.statement, given), next_experiment=_said(finding.next_experiment, given),
+    )  # fmt: skip
 
 
 def _in_own_unit(name: str, ends: list[str] | list[float], given: Mapping[str, Given]) -> list[str] | list[float]:

@@ -50,25 +50,26 @@ class HeldOutPart:
     after: str
 
 
-def write_page(path: Path, diagnosis: Diagnosis, decision: Decision) -> None:
+def write_page(path: Path, diagnosis: Diagnosis, decision: Decision, *, pictured: Diagnosis | None = None) -> None:
     """Write `diagnosis.html`.
 
     Args:
         path: file to write.
         diagnosis: what is said.
         decision: of the search that made it, with the rows and simulated values that the pictures show.
+        pictured: the same by the names under which columns were read, where these are others.
     """
-    path.write_text(page_of(diagnosis, decision), encoding="utf-8")
+    path.write_text(page_of(diagnosis, decision, pictured=pictured), encoding="utf-8")
 
 
-def page_of(diagnosis: Diagnosis, decision: Decision) -> str:
+def page_of(diagnosis: Diagnosis, decision: Decision, *, pictured: Diagnosis | None = None) -> str:
     """The page's HTML; the same diagnosis gives the same text."""
     environment = Environment(
         loader=PackageLoader("arl_fixtures.reconcile", "templates"), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     maker = _Maker(diagnosis, decision)
-    gallery = Gallery(diagnosis.findings, decision.found, maker.shown.problem.view)
+    gallery = Gallery((pictured or diagnosis).findings, decision.found, maker.shown.problem.view)
     return environment.get_template("diagnosis.html.j2").render(
         d=diagnosis, words=words, headline=words.headline(diagnosis), chance=words.chance(diagnosis),
         matters=maker.matters(), constants=maker.constants(), facts=maker.facts(),
@@ -163,6 +164,9 @@ class _Maker:
         made.append(("Blocks held out in turn", problem.groups.block_name))
         if problem.groups.unit_columns:
             made.append(("Calibrated as one unit", "each " + words.joined(problem.groups.unit_columns)))
+        if columns.given:
+            read = "; ".join(f"{known} = {given.formula()}" for known, given in sorted(columns.given.items()))
+            made.append(("Read as", read))
         made.append(("SHA-256 of the table", self.diagnosis.sha256 or "not known"))
         return made
 

@@ -46,7 +46,10 @@ def test_the_answer_is_that_of_the_formats_names_in_the_tables_own(tmp_path, mak
     assert "tof_temperature_k" in theirs[0]["drivers"]
     assert "(tof_temperature_k - 273.15)" in theirs[0]["law"]["expression"]
     said = json.dumps(theirs)
-    assert not any(f"{name}" in said for name in ("tof_temperature_c", "azimuth_deg", "pixel_u"))
+    assert not any(name in said for name in ("tof_temperature_c", "azimuth_deg", "pixel_u"))
+    pages = [(tmp_path / name / "diagnosis.html").read_text() for name in ("ours", "theirs")]
+    assert pages[1].count("<svg") == pages[0].count("<svg")  # the pictures find their columns
+    assert "time_s = (60 * elapsed_min)" in pages[1]
 
 
 def test_a_model_foretells_tables_in_the_same_words(tmp_path, make_table, save):
