@@ -44,9 +44,10 @@ def crossed_of(work: Work, names: Sequence[str], marks: Sequence[Axis]) -> Itera
     told = np.zeros((len(functions), len(functions)))
     np.add.at(told, (owner[:, None], owner[None, :]), push**2 / np.maximum(power, 1e-9 * power.max() + 1e-300))
     columns = [wave[0].column for _, wave in functions]
+    steady = {name: work.is_shared((name,)) for name in set(columns)}
     pairs = [
         (told[i, j], i, j) for i in range(len(functions)) for j in range(i)
-        if columns[i] != columns[j] and not work.is_shared((columns[i], columns[j]))
+        if columns[i] != columns[j] and not (steady[columns[i]] and steady[columns[j]])
     ]  # fmt: skip
     taken: set[tuple[str, str]] = set()
     for _, i, j in sorted(pairs, reverse=True):
