@@ -160,7 +160,7 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
     Two laws of the same drivers that undo each other draw a curve by their difference: neither is seen.
     """
     new = ranked.fit.terms[-1]
-    if _mends_side_effects(problem, ranked) or _undoes(problem, ranked):
+    if _mends_side_effects(problem, ranked) or _undoes(problem, ranked) or _worsens_own(problem, base, ranked):
         return True
     for index, term in enumerate(base.terms):
         if not set(term.variant.channels) & set(new.variant.channels) or _is_side(term, new):
@@ -178,6 +178,24 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
         if small and not alike and mends_shape(problem, ranked.fit.terms, term):
             return True
     return False
+
+
+def _worsens_own(problem: Problem, base: Fit, ranked: Ranked) -> bool:
+    """Whether a further effect agrees worse with its own channels, and mends what another one makes of these.
+
+    Light that nobody measured mends the walk of a range with it, where the walk's law is not quite that.
+    """
+    if not base.terms:
+        return False
+    own = set(ranked.fit.terms[-1].variant.channels)
+    moved = [d for d in problem.data if ranked.fit.state[d.channel.name] is not base.state[d.channel.name]]
+    if all(d.channel.name in own for d in moved):
+        return False
+    gain = sum(
+        d.fit_scatter(d.residual(ranked.fit.state))[0] - d.fit_scatter(d.residual(base.state))[0]
+        for d in moved if d.channel.name in own
+    )  # fmt: skip
+    return gain < 0.0
 
 
 def _is_side(term: Term, new: Term) -> bool:

@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from arl_fixtures.errors import ArlError, DataError
+from arl_fixtures.reconcile.calibrated_units import calibrate_simulation
 from arl_fixtures.reconcile.columns import Columns, FloatArray
 from arl_fixtures.reconcile.context import CONTEXT_FILE, beside, read_context, write_context
 from arl_fixtures.reconcile.diagnosis import Diagnosis
@@ -106,6 +107,7 @@ def predict(model_dir: Path, table_path: Path, out_file: Path, progress: Progres
         own = columns.n
         names = [c.name for c in columns.channels if c.role is not Role.SCATTER]
         names += _scatter_channels(columns)
+        calibrate_simulation(columns, tuple(model.unit_columns), model.lines)
         if context is not None and own <= SELF_CONTAINED:
             columns = beside(columns, context)
         for start in range(0, own, CHUNK):

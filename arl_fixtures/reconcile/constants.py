@@ -12,6 +12,7 @@ from arl_fixtures.reconcile.decide import Decision
 from arl_fixtures.reconcile.model_file import unit_keys
 from arl_fixtures.reconcile.noise import Level
 from arl_fixtures.reconcile.problem import ChannelData
+from arl_fixtures.reconcile.roles import Role
 
 CONSTANT_Z = 3.5
 """Errors by which a constant must differ from nothing that no finding explains."""
@@ -69,7 +70,11 @@ def zeros_of(decision: Decision, constants: Mapping[str, Mapping[str, float]]) -
     result: dict[str, dict[str, float]] = {}
     for d in problem.data:
         name = d.channel.name
-        if not d.has_zero or np.array_equal(state[name], untouched[name], equal_nan=True):
+        if (
+            d.second is None
+            or d.channel.role is not Role.INTENSITY
+            or np.array_equal(state[name], untouched[name], equal_nan=True)
+        ):
             continue
         d.follow(state)
         weight, gains = d.root_weight**2, constants.get(name, {})

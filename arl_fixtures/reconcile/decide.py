@@ -11,12 +11,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from arl_fixtures.reconcile.acceptance import LEAST_SCATTER, MISFIT_SHARE, PRICE
+from arl_fixtures.reconcile.calibration_findings import constant_finding, line_finding
 from arl_fixtures.reconcile.cross_fit import cross_fitted
 from arl_fixtures.reconcile.dead import bring_back, dead_first
 from arl_fixtures.reconcile.diagnosis import ChannelFit, Finding
 from arl_fixtures.reconcile.effect import Effect, State
 from arl_fixtures.reconcile.findings import (
-    constant_finding,
     law_finding,
     mean_square,
     named_finding,
@@ -115,6 +115,8 @@ class Decision:
             constant_finding(self, d) for d in self.problem.data
             if d.channel.name not in acted and self._is_constant(d)
         ]  # fmt: skip
+        if not findings:  # beside others, calibration is no finding
+            findings = [line_finding(self, d) for d in self.problem.data if d.channel.name in self.search.lines]
         return ordered(findings, len(self.best.terms)), self._fits()
 
     def _is_constant(self, d: ChannelData) -> bool:

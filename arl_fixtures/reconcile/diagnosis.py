@@ -88,6 +88,7 @@ class Diagnosis:
     Attributes:
         constants: channel to unit label to the fitted gain (relative) or offset, zero ones left out.
         notes: column to what could not be used.
+        lines: channel to unit label to the gain less one and the zero with which the simulation was compared.
         invisible: effect id to why this table could not have shown it.
     """
 
@@ -100,6 +101,7 @@ class Diagnosis:
     constants: dict[str, dict[str, float]]
     notes: dict[str, str]
     invisible: dict[str, str] = field(default_factory=dict)
+    lines: dict[str, dict[str, tuple[float, float]]] = field(default_factory=dict)
 
     @property
     def verdict(self) -> str:

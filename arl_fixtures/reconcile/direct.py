@@ -21,7 +21,7 @@ from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.terms import Term, beside
 
 FREEDOM = 8.0
-FIRST_SIZE, LAST_SIZE, RATIO, FINE_RATIO = 0.001, 30.0, 2.0, 1.25
+FIRST_SIZE, LAST_SIZE, RATIO, FINE_RATIO = 0.001, 140.0, 2.0, 1.25
 """Sizes tried along a direction, in typical amplitudes. A single amplitude has no other direction that could come
 near its optimum: from the size on that changes anything visible its sizes are closer."""
 SEEN = 4.0
@@ -29,8 +29,8 @@ SEEN = 4.0
 HOPELESS, HOPELESS_SHARE = 25.0, 0.02
 """A direction whose gain has fallen so far below its best is left: where much is wrong, by this share of the misfit,
 as the first few rays may cross wrongly under a displacement of whole pixels."""
-NOISE = 0.45
-"""Mean of the loss of a unit variable."""
+NOISE, WRONG = 0.45, 3.0
+"""Mean of the loss of a unit variable, and how much more of it tells that all is wrong."""
 HALVINGS = 5
 FIRST_STEP, LAST_STEP = 0.35, 0.002
 """Steps of the refinement, as shares of the amplitude."""
@@ -106,6 +106,8 @@ def outwards(
     residual = problem.whiten_state(base)
     before = loss(residual)
     hopeless = max(HOPELESS, HOPELESS_SHARE * (float(np.sum(before)) - NOISE * len(before)))
+    if float(np.mean(before)) > WRONG * NOISE:
+        hopeless = np.inf  # far off, a scene of stripes fits again and again on the way
     amplitudes = term.variant.amplitudes()
     tried = beside(others, term, problem.view)
 

@@ -341,31 +341,6 @@ def _size_of(total: FloatArray, law: Law, sim: FloatArray) -> str:
     return f"(up to {size})"
 
 
-def constant_finding(decision: Decision, d: ChannelData) -> Finding:
-    """A channel that is off by a constant gain or offset of each unit, which no effect explains."""
-    state = decision.problem.view.fresh_state()
-    values, widths = d.constants(d.residual(state)), 1.96 * d.constant_errors
-    unit = "1" if d.scale.min() != 1.0 or d.scale.max() != 1.0 else d.channel.unit
-    word = "gain" if unit == "1" else "offset"
-    parameters = [
-        ParameterValue(name=f"{word}_{k + 1}", value=float(v), unit=unit, low=float(v - w), high=float(v + w))
-        for k, (v, w) in enumerate(zip(values, widths, strict=True))
-    ]
-    held = held_out_of(
-        [d], state, state, decision.problem.groups.block_name, 0.5 * float(np.sum((values / widths) ** 2))
-    )
-    name = d.channel.name
-    columns = list(decision.problem.groups.unit_columns)
-    each = f" of each {', '.join(columns)}" if columns else ""
-    return Finding(
-        effect="unknown", channels=[name], where={}, drivers=columns,
-        expression=f"{name} *= 1 + gain{each}" if word == "gain" else f"{name} += offset{each}", source="",
-        parameters=parameters, held_out=held, strength=held.gain,
-        statement=f"{name} is off by a constant {word}{each}; nothing that was recorded drives it.",
-        next_experiment="Calibrate once more, then repeat: a constant is either calibration or set-up.",
-    )  # fmt: skip
-
-
 def ordered(findings: list[Finding], names: int) -> list[Finding]:
     """Strongest first; behind a name (they come first) what was fitted to the rest that it left on its channel."""
     leading = findings[:names]

@@ -16,6 +16,8 @@ from arl_fixtures.reconcile.terms import Term, beside, forward
 SHORT = 4
 """Rounds up to which a fit starts near its end."""
 SHORT_STEP = 0.05
+HALVINGS = 6
+"""How often the start of a term is halved in search of one that explains anything."""
 FEWEST_ROUNDS = 3
 """Rounds from which rough terms are refined by trials."""
 MOVED, MOVED_FAR, KEPT_Z = 1.5, 5.0, 1.5
@@ -105,7 +107,8 @@ def fit(problem: Problem, terms: Sequence[Term], *, rounds: int = 12, tolerance:
     found = _descend(problem, terms, rounds=rounds, tolerance=tolerance)
     if rounds < FEWEST_ROUNDS or not any(term.variant.rough for term in terms):
         return found
-    return _descend(problem, _by_trials(problem, found.terms, rounds), rounds=min(rounds, 4), tolerance=tolerance)
+    start = min((found.terms, tuple(terms)), key=lambda t: _left(problem, t, rough=True))  # a tangent may lead astray
+    return _descend(problem, _by_trials(problem, start, rounds), rounds=min(rounds, 4), tolerance=tolerance)
 
 
 def steady_jacobian(problem: Problem, found: Fit) -> FloatArray:
@@ -115,6 +118,15 @@ def steady_jacobian(problem: Problem, found: Fit) -> FloatArray:
         if found.terms[index].variant.rough:
             jacobian[:, place] = _secant(problem, found, place, p)
     return jacobian
+
+
+def _left(problem: Problem, terms: Sequence[Term], *, rough: bool) -> float:
+    """Sum of squares that terms leave; for rough ones, whose strength outliers hide, of a loss that limits them."""
+    if not rough:
+        residual = problem.whiten_state(forward(terms, problem.view))
+        return float(residual @ residual)
+    with undiminished(problem):
+        return float(np.sum(loss(problem.whiten_state(forward(terms, problem.view)))))
 
 
 def _by_trials(problem: Problem, terms: tuple[Term, ...], rounds: int) -> tuple[Term, ...]:
@@ -231,6 +243,26 @@ def hold_back_edges(problem: Problem, found: Fit) -> None:
         if held.any():
             d.trust = np.where(held, np.minimum(d.trust, (KEPT_Z / np.maximum(left, KEPT_Z)) ** 2), d.trust)
             d.rebuild(d.tau)
+
+
+def within_reach(problem: Problem, others: Sequence[Term], term: Term) -> Term:
+    """A term's start, its amplitudes halved until it does better than none: along a tangent a strong one overshoots.
+
+    As it was where none does.
+    """
+
+    rough = term.variant.rough
+    without = _left(problem, others, rough=rough)
+    trial, amplitudes = term, {p.name: p.null or 0.0 for p in term.variant.amplitudes()}
+    for halved in range(HALVINGS + 1):
+        share = 0.5**halved
+        trial = term.with_values({
+            name: amplitudes[name] + share * (x - amplitudes[name]) if name in amplitudes else x
+            for name, x in term.values.items()
+        })  # fmt: skip
+        if _left(problem, [*others, trial], rough=rough) < without:
+            return trial
+    return term
 
 
 def finish(problem: Problem, found: Fit) -> Fit:

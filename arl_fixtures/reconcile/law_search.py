@@ -237,8 +237,9 @@ def _from_start(
         work = whole = Work(data, state, looker.features, tau)
         if len(data.use) > MOST_ROWS:
             whole = Work(data, state, looker.features, tau, ALL_ROWS)
-        found = find_terms(work, pool_of(work, looker, leading), whole)
-        found = completed(whole, sharpened(whole, narrowed(whole, found, _factors(work, looker, leading))))
+        known = [n for n in leading if n in work.features]  # a column may be empty where this channel has rows
+        found = find_terms(work, pool_of(work, looker, known), whole)
+        found = completed(whole, sharpened(whole, narrowed(whole, found, _factors(work, looker, known))))
         if found.held < 1.05 * chosen.held or not found.terms:
             break
         law, chosen = law_of(found, data), found

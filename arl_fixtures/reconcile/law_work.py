@@ -56,7 +56,8 @@ class Work:
         if n > most:  # not every k-th: a stride would alias with the image's rows
             pick = np.sort(np.random.default_rng(n).choice(n, size=most, replace=False))
         self.data, self.pick = data, pick
-        self.features: Features = {name: values[data.use[pick]] for name, values in features.items()}
+        here = {name: values[data.use[pick]] for name, values in features.items()}
+        self.features: Features = {name: values for name, values in here.items() if np.isfinite(values).any()}
         levels = tuple(level.part(pick) for level in data.levels)
         self._root_weight = data.root_weight[pick]
         self._whitener = Whitener(self._root_weight, levels, tau)

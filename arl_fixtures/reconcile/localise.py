@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from arl_fixtures.reconcile.calibrated_units import calibrate_simulation
 from arl_fixtures.reconcile.columns import Channel, Columns, FloatArray, IntArray
 from arl_fixtures.reconcile.diagnosis import Finding
 from arl_fixtures.reconcile.features import features_of
@@ -45,6 +46,7 @@ def write_localisation(
     done = 0
     for numbers, columns in table_in_batches(table):
         columns.channels = tuple(channels)
+        calibrate_simulation(columns, tuple(model.unit_columns), model.lines)
         for start in range(0, columns.n, CHUNK):
             part = np.arange(start, min(start + CHUNK, columns.n))
             for whole, values in zip(result, _piece(columns, part, model, findings, path), strict=True):

@@ -101,6 +101,7 @@ class ModelFile(FileModel):
     unknown: list[LawFile] = Field(default_factory=list)
     calibration: dict[str, dict[str, float]] = Field(default_factory=dict)
     zeros: dict[str, dict[str, float]] = Field(default_factory=dict)
+    lines: dict[str, dict[str, tuple[float, float]]] = Field(default_factory=dict)
     units_seen: list[str] = Field(default_factory=list)
     unseen_units: dict[str, float] = Field(default_factory=dict)
     relative: list[str] = Field(default_factory=list)
@@ -117,6 +118,7 @@ def model_of(
     ceilings: Mapping[str, float] | None = None, units: tuple[list[str], dict[str, float]] | None = None,
     *, rays_derived: bool = False, lens: Mapping[str, float] | None = None, smoothed: Sequence[str] = (),
     zeros: Mapping[str, dict[str, float]] | None = None,
+    lines: Mapping[str, dict[str, tuple[float, float]]] | None = None,
 ) -> ModelFile:  # fmt: skip
     """What to write for a diagnosis.
 
@@ -131,6 +133,7 @@ def model_of(
         lens: of the camera that a sweep showed; the nominal bench's where empty.
         smoothed: temperatures that effects saw without their loggers' noise.
         zeros: of signals, by channel and unit, beside their gains.
+        lines: gain less one and zero that bring the simulation to each unit, by channel and unit.
     """
     return ModelFile(
         unit_columns=list(unit_columns),
@@ -138,6 +141,7 @@ def model_of(
         unknown=[_law_file(f.law) for f in diagnosis.findings if f.law is not None],
         calibration=diagnosis.constants,
         zeros=dict(zeros or {}),
+        lines=dict(lines or {}),
         units_seen=units[0] if units else [],
         unseen_units=units[1] if units else {},
         relative=list(relative),

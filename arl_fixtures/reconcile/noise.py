@@ -200,22 +200,22 @@ def _apply(step: _Step, z: FloatArray) -> FloatArray:
 
 
 def less_constants(
-    residual: FloatArray, scale: FloatArray, weight: FloatArray, unit: IntArray, *, zero: bool
+    residual: FloatArray, scale: FloatArray, weight: FloatArray, unit: IntArray, *, second: FloatArray | None
 ) -> FloatArray:
     """A residual less each unit's plain gain or offset in it.
 
     Args:
         residual, weight, unit: of each row; scale: what a constant of 1 changes in it.
-        zero: whether each unit has a zero of its own beside it: else a gain would stand in for it, and its rest pass
-            for a scatter of pixels.
+        second: what another constant of each unit changes, a zero maybe: else a gain would stand in for it, and its
+            rest pass for a scatter of pixels.
     """
 
     def summed(x: FloatArray) -> FloatArray:
         return np.asarray(np.bincount(unit, weight * x))
 
-    if zero:
-        total = np.maximum(summed(np.ones(len(residual))), 1e-300)
-        scale, residual = (x - (summed(x) / total)[unit] for x in (scale, residual))
+    if second is not None:
+        total = np.maximum(summed(second**2), 1e-300)
+        scale, residual = (x - second * (summed(second * x) / total)[unit] for x in (scale, residual))
     return residual - scale * (summed(scale * residual) / np.maximum(summed(scale**2), 1e-300))[unit]
 
 
@@ -240,7 +240,7 @@ def beside_steps(
     slope = less_shared(scale, step.scale, weight, step.code)
     if float(weight @ slope**2) < ALIKE * float(weight @ scale**2):
         return beside
-    return less_constants(beside, slope, weight, unit, zero=False)
+    return less_constants(beside, slope, weight, unit, second=None)
 
 
 def surprise(tau: float, floor: float, freedom: float) -> float:

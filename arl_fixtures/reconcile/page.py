@@ -128,7 +128,13 @@ class _Maker:
 
     def constants(self) -> list[tuple[str, str, str]]:
         """Channel, unit and calibration constant, those that are none to speak of left out."""
-        return [
+        lines = [
+            (name, unit, f"{words.constant(zero, channel, zero=True)}, gain {words.plain(100.0 * gain)} %")
+            for name, units in self.diagnosis.lines.items()
+            for channel in self.decision.problem.columns.channels if channel.name == name
+            for unit, (gain, zero) in sorted(units.items())
+        ]  # fmt: skip
+        return lines + [
             (d.channel.name, unit or "all rows", words.constant(value, d.channel))
             for d in self.decision.problem.data
             for unit, value in sorted(self.diagnosis.constants.get(d.channel.name, {}).items())

@@ -154,12 +154,12 @@ def _odds(p: float) -> str:
     return f"about {max(round(100 * p), 1)} of 100 tables"
 
 
-def constant(value: float, channel: Channel) -> str:
-    """A calibration constant with its unit."""
-    if channel.role in {Role.INTENSITY, Role.SCATTER}:
+def constant(value: float, channel: Channel, *, zero: bool = False) -> str:
+    """A calibration constant with its unit; a signal's is its gain, or its zero."""
+    if channel.role in {Role.INTENSITY, Role.SCATTER} and not zero:
         return f"gain {plain(100.0 * value)} %"
     factor, unit = (1000.0, "mm") if channel.unit == "m" else (1.0, unit_text(channel.unit))
-    return f"offset {plain(factor * value)} {unit}".rstrip()
+    return f"{'zero' if zero else 'offset'} {plain(factor * value)} {unit}".rstrip()
 
 
 def matters(fit: ChannelFit, floor: float, *, constants: bool, seen: str = "") -> str:

@@ -32,6 +32,10 @@ LEAST_SHARED = 0.3
 neighbouring pixels' noise has in common."""
 
 
+LEAST_ANSWERS, LEAST_LIGHT, LEAST_PART = 0.5, 0.85, 0.15
+"""Share of its answers, or where none are counted of its light, that a dead pixel lacks; and a part of either."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pattern:
     """A fitted pattern.
@@ -110,7 +114,11 @@ def _fit_pattern(
         z = pull / np.sqrt(np.maximum(total, 1e-12))
         right = pull * (1.0 if parameter.low >= null else -1.0) > 0
         estimate = pull / np.maximum(total, 1e-12)
-        strong = good & right & (np.abs(z) > SPARSE_Z) & (np.minimum(np.abs(estimate), np.abs(answers)) > 0.5)
+        seen = good & right & (np.abs(z) > SPARSE_Z)
+        size_of = np.minimum(np.abs(estimate), np.abs(answers))
+        strong = seen & (size_of > (LEAST_ANSWERS if counted else LEAST_LIGHT))
+        if not counted and np.sum(seen & (size_of > LEAST_PART)) > 2 * strong.sum():
+            return None  # what most of them lose in part is no death: dirt, or another scene
         values[strong] = estimate[strong]
         measured = values
         gain = float(0.5 * np.sum(z[strong] ** 2) - strong.sum() * np.log(len(keys)))

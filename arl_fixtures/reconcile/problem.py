@@ -37,8 +37,6 @@ ZERO_SHARE = 0.02
 """Standard deviation of a calibrated signal's zero beside an effect, as a share of the median signal."""
 CALIBRATED = (Role.INTENSITY, Role.DISTANCE)
 """Roles whose gain or offset a user calibrates per unit: a constant of theirs carries no finding."""
-
-
 _Fitted = tuple[float, dict[str, float], tuple[Level, ...]]
 """Likelihood and scatters that were fitted, and the levels they belong to."""
 
@@ -184,17 +182,19 @@ class ChannelData:
         A line of gain and zero that was fitted to a recording with the effect in it is off in both once the effect is
         taken away. The zero carries no evidence then; it is no larger than a few percent of the signal.
         """
-        if self.channel.role is not Role.INTENSITY or not self.calibrated or self.has_zero:
-            return
-        size = ZERO_SHARE * float(np.median(self.scale))
-        ones = np.ones(len(self.use))
-        zero = Level(name="unit", code=self.unit, count=self.units, scale=ones, floor=size)
-        self.levels = (zero, *self.levels)
+        if self.channel.role is Role.INTENSITY:
+            self.free_second(ZERO_SHARE * float(np.median(self.scale)), np.ones(len(self.use)))
+
+    def free_second(self, size: float, scale: FloatArray) -> None:
+        """Let each unit have a second constant of about this size: a zero beside a gain, a scale beside an offset."""
+        if self.calibrated and self.second is None:
+            second = Level(name="unit", code=self.unit, count=self.units, scale=scale, floor=size)
+            self.levels = (second, *self.levels)
 
     @property
-    def has_zero(self) -> bool:
-        """Whether each unit's signal has a zero of its own beside an effect."""
-        return any(level.name == "unit" for level in self.levels)
+    def second(self) -> FloatArray | None:
+        """What a second constant of its unit changes in each row, None where units have but one."""
+        return next((level.scale for level in self.levels if level.name == "unit"), None)
 
     def part(self, rows: IntArray) -> ChannelData:
         """The channel on some of its rows, with the same noise."""
@@ -221,7 +221,7 @@ class ChannelData:
         if not (self.calibrated or uniform):  # a noise that is larger everywhere does not scatter
             return residual, 0.0
         # plain means: constants that weigh by the present scatters would depend on where the estimate starts
-        centred = less_constants(residual, self.scale, self.root_weight**2, self.unit, zero=self.has_zero)
+        centred = less_constants(residual, self.scale, self.root_weight**2, self.unit, second=self.second)
         return centred, 1.0 if self._units_share else float(self.units)
 
     def _level_scatter(

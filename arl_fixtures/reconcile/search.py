@@ -7,8 +7,7 @@ steps, angles or pixels. Small problems rank (a part of the rows), the full one 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -25,13 +24,15 @@ from arl_fixtures.reconcile.acceptance import (
     is_rounding,
     lacks_essential,
 )
+from arl_fixtures.reconcile.calibrated_units import calibrate_simulation, find_lines, free_lines
 from arl_fixtures.reconcile.carried_gains import carry_gains
 from arl_fixtures.reconcile.columns import Columns
+from arl_fixtures.reconcile.crowded_out import only, other_variants, simpler_lookalikes, where_nothing_acts
 from arl_fixtures.reconcile.dead import leave_out_dead
 from arl_fixtures.reconcile.derived_rays import derive_rays
-from arl_fixtures.reconcile.effect import Effect, State
+from arl_fixtures.reconcile.effect import Effect
 from arl_fixtures.reconcile.effects_bench import is_zero_fitted
-from arl_fixtures.reconcile.fit import Fit, finish, fit, hold_back_edges
+from arl_fixtures.reconcile.fit import Fit, finish, fit, hold_back_edges, within_reach
 from arl_fixtures.reconcile.free_constants import constant_z, constants_alone
 from arl_fixtures.reconcile.grouping import find_groups, typical_gaps
 from arl_fixtures.reconcile.own_driver import drives_another_part
@@ -43,14 +44,12 @@ from arl_fixtures.reconcile.robust import robust_gain
 from arl_fixtures.reconcile.sampling import draw_rows
 from arl_fixtures.reconcile.screen import Candidate, Screening, Surcharge, all_variants, screen
 from arl_fixtures.reconcile.settling import gains_of, settle, shortlist
+from arl_fixtures.reconcile.small_problem import small_part, steps_alike
 from arl_fixtures.reconcile.terms import Term, forward
 
 FULL_ROWS = 48_000
-SMALL_ROWS = 14_000
 MOST_TERMS = 4
 POLISHED = 6
-STEP_SHARE, LARGE_STEPS = 0.3, 1.5
-"""Share of the steps' scatter with which candidates are screened anew, where it is that much larger than stated."""
 CLEAR_CONSTANT = 5.0
 """Standard errors from which a unit's constant is worth explaining."""
 LEVEL_NAME, LEVEL_FURTHER = 0.95, 0.99
@@ -117,30 +116,21 @@ class Search:
         empty = forward([], self.full.view)
         self.before = {d.channel.name: self.looker.calibrate(d, empty) for d in self.full.data}
         self.failed: dict[str, str] = {}
+        self.lines = find_lines(self.full, self.before)
+        if self.lines:
+            calibrate_simulation(columns, self.groups.unit_columns, self.lines)
+            self.full = Problem(columns, self.full.view.rows, self.groups)
+            free_lines(self.full, self.lines)
+            self.looker = Looker(self.full)
+            empty = forward([], self.full.view)
+            self.before = {d.channel.name: self.looker.calibrate(d, empty) for d in self.full.data}
         if leave_out_dead(self.full, effects):
             self.before = {d.channel.name: self.looker.calibrate(d, empty) for d in self.full.data}
-        self.small = self._small()
+        self.small = small_part(self.full)
+        free_lines(self.small, self.lines)
         self.variants = all_variants(self.small, effects, self.failed)
         self.gains: dict[int, float] = {}
         self.surcharge = Surcharge()
-
-    def _small(self) -> Problem:
-        if self.full.view.n <= 1.4 * SMALL_ROWS:
-            return self.full
-        rows = draw_rows(self.columns, self.groups, SMALL_ROWS)
-        inside = np.intersect1d(rows, self.full.view.rows)
-        if len(inside) < 0.5 * SMALL_ROWS:
-            inside = self.full.view.rows[(np.arange(SMALL_ROWS) * (self.full.view.n / SMALL_ROWS)).astype(int)]
-        small = Problem(self.columns, inside, self.groups)
-        for part in small.data:
-            whole = next(d for d in self.full.data if d.channel.name == part.channel.name)
-            place = np.searchsorted(self.full.view.rows[whole.use], small.view.rows[part.use])
-            part.trust, part.spread = whole.trust[place], whole.spread
-            part.dark = whole.dark[place] if len(whole.dark) else whole.dark
-            if not part.stated_known:
-                part.stated = whole.stated[place]
-            part.rebuild(whole.tau)
-        return small
 
     def prune(self, best: Fit, chance: Screening | None, certain: Container[str] = ()) -> Fit:
         """Drop, weakest first, what no longer gains a name's share of the threshold (the `certain`: all of it)."""
@@ -201,13 +191,9 @@ class Search:
             stages.append(stage)
             if stage.chosen is None:
                 break
-            best = settle(self, stage.chosen.fit, stage)
-            best = fit(self.full, best.terms, rounds=4)
-            self._look_again(best)
-            best = finish(self.full, fit(self.full, best.terms, rounds=4))
-            self.gains = gains_of(self.full, best)  # with the scatters that it leaves, not with those that hid it
-        if stages:
-            best = self.prune(best, chance)
+            best = self._taken(stage)
+        if stages and chance is not None:
+            best = self._look_beside(self.prune(best, chance), stages, chance)
         self.progress("what is left", 0.8)
         found = Found(
             problem=self.full, looker=self.looker, null=null, best=best, stages=stages, before=self.before,
@@ -219,11 +205,39 @@ class Search:
         }
         return found
 
+    def _look_beside(self, best: Fit, stages: list[Stage], chance: Screening) -> Fit:
+        """One more round for channels on which nothing acts: what mends a strong effect may have crowded them out."""
+        untouched = self.full.view.sim
+        free = {name for name in self.full.names if best.state[name] is untouched[name]}
+        if not best.terms or not free:
+            return best
+        with only(self.full, free), only(self.small, free):
+            screening = where_nothing_acts(self._screen((), with_chance=False), free)
+            promise = max((c.gain for c in screening.candidates), default=0.0)
+            if promise < chance.threshold(LEVEL_FURTHER):
+                return best
+            stage = self._round(finish(self.full, fit(self.full, ())), screening, chance)
+        if stage.chosen is None:
+            return best
+        beside = finish(self.full, fit(self.full, (*best.terms, stage.chosen.fit.terms[-1]), rounds=4))
+        stages.append(replace(stage, base=best, chosen=replace(stage.chosen, fit=beside)))
+        return self._taken(stages[-1])
+
+    def _taken(self, stage: Stage) -> Fit:
+        """The fit with what a round has chosen; its base where that is nothing."""
+        if stage.chosen is None:
+            return stage.base
+        best = fit(self.full, settle(self, stage.chosen.fit, stage).terms, rounds=4)
+        self._look_again(best)
+        best = finish(self.full, fit(self.full, best.terms, rounds=4))
+        self.gains = gains_of(self.full, best)  # with the scatters that it leaves, not with those that hid it
+        return best
+
     def _screen(self, terms: Sequence[Term], *, with_chance: bool) -> Screening:
         """Candidates, also with a smaller scatter of the steps: what a candidate explains may pass for it."""
         found = screen(self.small, self.variants, terms, with_chance=with_chance)
         residual = forward(terms, self.small.view)
-        with self._steps_alike(residual) as handicap:
+        with steps_alike(self.small, residual) as handicap:
             again = screen(self.small, self.variants, terms) if handicap > 0.0 else None
         if again is not None:
             best = {c.term.label: c for c in found.candidates}
@@ -234,23 +248,6 @@ class Search:
             ranked = sorted(best.values(), key=lambda c: (-c.gain, c.term.label))
             found = replace(found, candidates=tuple(ranked))
         return found
-
-    @contextmanager
-    def _steps_alike(self, state: State) -> Iterator[float]:
-        """The small problem with a smaller scatter of the steps where it is large; yields what that costs a state."""
-        kept = [(d, d.tau) for d in self.small.data]
-        handicap = 0.0
-        for d, tau in kept:
-            level = next((level for level in d.levels if level.name == "step"), None)
-            least = max(level.floor, d.alone(level)) if level is not None else np.inf
-            if tau.get("step", 0.0) < LARGE_STEPS * least:
-                continue
-            before = d.likelihood(d.residual(state))
-            d.rebuild({**tau, "step": max(STEP_SHARE * tau["step"], least)})
-            handicap += before - d.likelihood(d.residual(state))
-        yield handicap
-        for d, tau in kept:
-            d.rebuild(tau)
 
     def _round(self, base: Fit, screening: Screening, chance: Screening) -> Stage:
         threshold = chance.threshold(LEVEL_FURTHER if base.terms else LEVEL_NAME)
@@ -263,11 +260,16 @@ class Search:
         if chosen is not None and ranked[0] is not chosen and ranked[0].gain > 3.0 * max(chosen.gain, 1.0):
             chosen = None
         if chosen is not None:
-            further = self._other_variants(base, screening, chosen, ranked)
+            further = self.rank(base, other_variants(base, screening, chosen, ranked)[:POLISHED])
             better = [r for r in self._sure(base, chance, further) if not is_as_good(chosen, r)]
             if better:
                 chosen = self._nearest([r for r in better if is_as_good(r, better[0])], better[0])
-            ranked = sorted([*ranked, *further], key=lambda r: -r.gain)
+            simpler = self.rank(base, simpler_lookalikes(base, screening, chosen, ranked)[:POLISHED])
+            best = chosen
+            chosen = min(
+                (r for r in self._sure(base, chance, simpler) if is_as_good(r, best)), key=_simplest, default=chosen
+            )
+            ranked = sorted([*ranked, *further, *simpler], key=lambda r: -r.gain)
         p_value = chance.p_value(evidence(ranked[0], self.surcharge)) if ranked else 1.0
         return Stage(base=base, threshold=threshold, p_value=p_value, ranked=ranked, chosen=chosen)
 
@@ -283,18 +285,6 @@ class Search:
         sure = [r for r in ranked if evidence(r, self.surcharge) > (first if r.alone else threshold)]
         sure = [r for r in sure if not is_misfit(self.full, base, r, self.gains)]
         return [r for r in sure if not (is_rounding(self.full, base, r) or lacks_essential(r))]
-
-    def _other_variants(
-        self, base: Fit, screening: Screening, chosen: Ranked, ranked: Sequence[Ranked]
-    ) -> list[Ranked]:
-        """Variants of the chosen effect that the shortlist left out: to first order a strong one promises little."""
-        term, tried = chosen.candidate.term, {r.candidate.term.label for r in ranked}
-        further = [
-            c for c in screening.candidates
-            if c.term.effect is term.effect and c.term.unit == term.unit and c.term.label not in tried
-            and set(c.term.variant.channels) & set(term.variant.channels) and not is_repeat(base, c)
-        ]  # fmt: skip
-        return self.rank(base, further[:POLISHED])
 
     def _constants_explained(self, base: Fit, stage: Stage, chance: Screening) -> Stage:
         """Try the effects without free constants where these are large: an effect may explain the constant as well.
@@ -364,9 +354,9 @@ class Search:
 
     def _best_start(self, base: Fit, candidate: Candidate) -> Fit:
         """Fit with the scatter that steps seem to have, and with less: what is to be explained may pass for it."""
-        terms = (*base.terms, candidate.term)
+        terms = (*base.terms, within_reach(self.small, base.terms, candidate.term))
         best = finish(self.small, fit(self.small, terms, rounds=8))
-        with self._steps_alike(forward(base.terms, self.small.view)) as handicap:
+        with steps_alike(self.small, forward(base.terms, self.small.view)) as handicap:
             other = fit(self.small, terms, rounds=8) if handicap > 0.0 else None
         if other is not None:
             again = finish(self.small, fit(self.small, other.terms, rounds=0))

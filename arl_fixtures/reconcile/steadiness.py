@@ -9,10 +9,12 @@ other: a fixed pattern of pixels that comes and goes with the temperature is non
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import compress
 
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.noise import fit_tau
 from arl_fixtures.reconcile.own_driver import cells_of, driven_by, within_cells
 from arl_fixtures.reconcile.pilot import Looker
@@ -29,6 +31,8 @@ OF_PLACES = 0.5
 UNSTEADY_GAIN = 6.0
 """Log-likelihood of such a scatter: among some twenty columns that tell something of their own, chance gives it once
 in two hundred names."""
+OVERSHADOWING = 1e4
+"""Squares by which others change a channel more than a name does, from which a hundredth of theirs is all of it."""
 LEAST_IN_UNIT, LEAST_POWER = 0.25, 0.02
 """Least factor of a name in a unit, of those that have a share of what it changes: one with next to none lacks it."""
 
@@ -55,6 +59,9 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
     if not acting:
         return False
     change = [d.whiten(d.expect * (full[d.channel.name] - rest[d.channel.name])[d.use]) for d in acting]
+    clear = [not _overshadowed(d, c, rest, problem) for d, c in zip(acting, change, strict=True)]
+    if any(clear):
+        acting, change = list(compress(acting, clear)), list(compress(change, clear))
     left = [d.whiten(d.residual(full)) for d in acting]
     if not _moves(looker, term, acting, change, left, place):
         return False
@@ -66,6 +73,13 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
             change = [within_cells(c, cell[d.use]) for c, d in zip(change, acting, strict=True)]
             left = [within_cells(x, cell[d.use]) for x, d in zip(left, acting, strict=True)]
     return _moves(looker, term, acting, change, left, place)
+
+
+def _overshadowed(d: ChannelData, change: FloatArray, rest: State, problem: Problem) -> bool:
+    """Whether other names change a channel by so much more that what they leave there drowns this one's change."""
+    name = d.channel.name
+    other = d.whiten(d.expect * (rest[name] - problem.view.sim[name])[d.use])
+    return float(other @ other) > OVERSHADOWING * float(change @ change)
 
 
 def _moves(

@@ -12,7 +12,7 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray, Given
-from arl_fixtures.reconcile.roles import per_metre
+from arl_fixtures.reconcile.roles import per_metre, suffix
 
 ZERO_CELSIUS_K = 273.15
 _WARMEST_K = 1000.0
@@ -33,6 +33,13 @@ _MEANINGS: tuple[tuple[str, Mapping[str, float], tuple[str, ...]], ...] = (
                                 "reference_range", "rail_position", "rail_pos", "station")),
 )  # fmt: skip
 """Name of the format, factor of each unit, and other names without their unit."""
+_UNSAID: tuple[tuple[str, frozenset[str], str, tuple[float, float]], ...] = (
+    ("c", frozenset({"temp", "temperature"}), "end", (-100.0, 200.0)),
+    ("v", frozenset({"vdd", "vcc", "avdd", "dvdd", "vbat", "vbias"}), "any", (-500.0, 500.0)),
+    ("v", frozenset({"voltage"}), "end", (-500.0, 500.0)),
+    ("a", frozenset({"current"}), "end", (0.0, 20.0)),
+)  # fmt: skip
+"""Unit that goes without saying, words that call for it, where in a name these stand, and values that it leaves."""
 _PIXELS = (
     ("pixel_x", "pixel_y"), ("px", "py"), ("ix", "iy"), ("col", "row"), ("column", "row"), ("px_col", "px_row"),
     ("pixel_col", "pixel_row"), ("pixel_column", "pixel_row"), ("u", "v"), ("x", "y"),
@@ -62,6 +69,8 @@ def find_synonyms(numbers: Mapping[str, FloatArray], others: Collection[str]) ->
                 break
     for name in free:
         known, plus = _in_celsius(name, numbers[name])
+        if not known:
+            known = _unit_unsaid(name, numbers[name])
         if known and known not in taken and known not in found:
             found[known] = Given(name, 1.0, plus)
     return found
@@ -85,6 +94,25 @@ def _in_celsius(name: str, values: FloatArray) -> tuple[str, float]:
     if name.endswith("_k") and finite.size and 100.0 < float(finite.min()) <= float(finite.max()) < _WARMEST_K:
         return f"{name.removesuffix('_k')}_c", -ZERO_CELSIUS_K
     return "", 0.0
+
+
+def _unit_unsaid(name: str, values: FloatArray) -> str:
+    """Known name of a temperature, voltage or current whose unit nobody wrote, where its values leave no other.
+
+    >>> _unit_unsaid("apd_temp", np.array([-3.0, 68.0])), _unit_unsaid("vdd_monitor", np.array([3.2, 3.4]))
+    ('apd_temp_c', 'vdd_monitor_v')
+    >>> _unit_unsaid("temp", np.array([280.0, 350.0])), _unit_unsaid("room_temp_trend", np.array([0.0, 1.0]))
+    ('', '')
+    """
+    finite = values[np.isfinite(values)]
+    if suffix(name) or not finite.size:
+        return ""
+    words = name.split("_")
+    for unit, spelt, places, (low, high) in _UNSAID:
+        at_end = words[-1] in spelt or (places == "any" and any(word in spelt for word in words))
+        if at_end and low <= float(finite.min()) and float(finite.max()) <= high:
+            return f"{name}_{unit}"
+    return ""
 
 
 def _counts(values: FloatArray) -> bool:

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from arl_fixtures.reconcile.calibrated_units import calibrate_simulation
 from arl_fixtures.reconcile.model_file import corrected_state, read_model, terms_of
 from arl_fixtures.reconcile.table import columns_of
 from arl_fixtures.reconcile.view import View
@@ -49,7 +50,8 @@ class FoundEffects:
         Raises:
             DataError: the conditions lack something that drives an effect.
         """
-        if not (self._model.effects or self._model.unknown or self._model.calibration):
+        model = self._model
+        if not (model.effects or model.unknown or model.calibration or model.lines):
             return expected
         spread = scatter(expected, self._noise)
         shape = expected.intensity_counts.shape
@@ -63,7 +65,9 @@ class FoundEffects:
                 **_covariates(expected, conditions, self._surfaces),
             }
         )
-        view = View(columns_of(table, path="frame", for_prediction=True))
+        columns = columns_of(table, path="frame", for_prediction=True)
+        calibrate_simulation(columns, tuple(model.unit_columns), model.lines)
+        view = View(columns)
         state = corrected_state(self._model, terms_of(self._model, view, self._path), view)
 
         def image(name: str, nominal: Float32Array) -> Float32Array:

@@ -54,7 +54,7 @@ class Tilt(Effect):
             yield Variant(
                 effect=self.id,
                 options=way,
-                parameters=tuple(amplitude(name, "deg", -5.0, 5.0, 0.1) for name in turns),
+                parameters=tuple(amplitude(name, "deg", -20.0, 20.0, 0.1) for name in turns),
                 channels=scanned_channels(view),
                 rough=is_sharp(view) and not way,
                 drivers=tuple(name for name in ("azimuth_deg", "elevation_deg") if view.varies(name)),

@@ -40,7 +40,7 @@ class ZeroOffset(Effect):
             yield Variant(
                 effect=self.id,
                 options={**told, **way},
-                parameters=(amplitude("zero" if kind == "constant" else "backlash", "deg", -3.0, 3.0, 0.05),),
+                parameters=(amplitude("zero" if kind == "constant" else "backlash", "deg", -20.0, 20.0, 0.05),),
                 channels=turning_channels(way, view),
                 rough=not way and is_sharp(view),
                 drivers=("stage_angle_deg",) if kind == "constant" else (*_direction(view), "stage_angle_deg"),

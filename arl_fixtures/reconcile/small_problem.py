@@ -1,0 +1,54 @@
+"""The part of a large table that ranks candidates, and how it looks where steps are taken to share less."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.sampling import draw_rows
+
+SMALL_ROWS = 14_000
+STEP_SHARE, LARGE_STEPS = 0.3, 1.5
+"""Share of the steps' scatter with which candidates are screened anew, where it is that much larger than stated."""
+
+
+def small_part(full: Problem) -> Problem:
+    """A problem of fewer rows with the same noise; the full one where it is small itself."""
+    if full.view.n <= 1.4 * SMALL_ROWS:
+        return full
+    rows = draw_rows(full.columns, full.groups, SMALL_ROWS)
+    inside = np.intersect1d(rows, full.view.rows)
+    if len(inside) < 0.5 * SMALL_ROWS:
+        inside = full.view.rows[(np.arange(SMALL_ROWS) * (full.view.n / SMALL_ROWS)).astype(int)]
+    small = Problem(full.columns, inside, full.groups)
+    for part in small.data:
+        whole = next(d for d in full.data if d.channel.name == part.channel.name)
+        place = np.searchsorted(full.view.rows[whole.use], small.view.rows[part.use])
+        part.trust, part.spread = whole.trust[place], whole.spread
+        part.dark = whole.dark[place] if len(whole.dark) else whole.dark
+        if not part.stated_known:
+            part.stated = whole.stated[place]
+        part.rebuild(whole.tau)
+    return small
+
+
+@contextmanager
+def steps_alike(problem: Problem, state: State) -> Iterator[float]:
+    """A problem with a smaller scatter of the steps where it is large; yields what that costs a state."""
+    kept = [(d, d.tau) for d in problem.data]
+    handicap = 0.0
+    for d, tau in kept:
+        level = next((level for level in d.levels if level.name == "step"), None)
+        least = max(level.floor, d.alone(level)) if level is not None else np.inf
+        if tau.get("step", 0.0) < LARGE_STEPS * least:
+            continue
+        before = d.likelihood(d.residual(state))
+        d.rebuild({**tau, "step": max(STEP_SHARE * tau["step"], least)})
+        handicap += before - d.likelihood(d.residual(state))
+    yield handicap
+    for d, tau in kept:
+        d.rebuild(tau)
