@@ -18,8 +18,9 @@ from arl_fixtures.reconcile.terms import Term, forward
 
 PRICE = 2.0
 """Log-likelihood that each free parameter must earn."""
-MISFIT_SHARE, HIDDEN_SHARE = 0.15, 0.004
-"""A further effect on a channel must gain this share of what one there gains, with and without a driver in common."""
+MISFIT_SHARE, HIDDEN_SHARE, EXACT_SHARE = 0.15, 0.004, 0.0004
+"""A further effect on a channel must gain this share of what one there gains: with a driver in common, without one,
+and without one where that one's law is a plain number, which leaves nothing."""
 FURTHER, FURTHER_APART = 3.0, 1.0
 """What a further effect on a channel must gain beyond the threshold, as no operator before it is exact; less where
 the two have no driver in common."""
@@ -166,7 +167,8 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
         if not set(term.variant.channels) & set(new.variant.channels) or _is_side(term, new):
             continue
         alike = bool(driven_by(term) & driven_by(new)) and not has_own_driver(problem, ranked.fit.terms, term)
-        least = (MISFIT_SHARE if alike else HIDDEN_SHARE) * gains.get(index, 0.0)
+        hidden = EXACT_SHARE if term.effect.exact else HIDDEN_SHARE
+        least = (MISFIT_SHARE if alike else hidden) * gains.get(index, 0.0)
         another = new.effect.several and new.effect.id == term.effect.id
         apart = (not alike or another) and ranked.gain > 0.1 * least
         apart = apart and (

@@ -217,7 +217,8 @@ class Search:
             if promise < chance.threshold(LEVEL_FURTHER):
                 return best
             stage = self._round(finish(self.full, fit(self.full, ())), screening, chance)
-        if stage.chosen is None:
+        sure = chance.threshold(LEVEL_FURTHER)  # it is a further look
+        if stage.chosen is None or evidence(stage.chosen, self.surcharge) <= sure:
             return best
         beside = finish(self.full, fit(self.full, (*best.terms, stage.chosen.fit.terms[-1]), rounds=4))
         stages.append(replace(stage, base=best, chosen=replace(stage.chosen, fit=beside)))

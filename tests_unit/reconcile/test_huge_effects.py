@@ -88,6 +88,36 @@ def test_a_faint_effect_beside_a_huge_one_in_another_channel_is_not_crowded_out(
     assert {f.effect for f in findings} == {"timing.range_walk", "electronics.rail_coupling"}
 
 
+def slow_quartz_and_skew(seed=8):
+    """A counter whose quartz is 0.5 % slow; its stop signal reaches each image column 55 fs after the one before.
+
+    Edges are counted and interpolated, as the counter sees them.
+    """
+    rng = np.random.default_rng(seed)
+    step, pixel = (x.ravel() for x in np.meshgrid(np.arange(6), np.arange(900), indexing="ij"))
+    u, v = np.random.default_rng(1).integers(0, 96, 900)[pixel], np.random.default_rng(2).integers(0, 24, 900)[pixel]
+    true_m = np.random.default_rng(3).uniform(0.8, 3.0, (6, 900))[step, pixel]
+    flight_s = true_m / 149_896_229.0 + 5.5e-14 * u
+    period_s = 2e-9 / 0.995  # taken for 2 ns
+    edges, rest = np.divmod(flight_s, period_s)
+    blur = np.full(step.size, 0.006)
+    numbers = {
+        "step": step, "time_s": 600.0 * step, "pixel_u": u, "pixel_v": v, "n_frames": np.full(step.size, 10.0),
+        f"sim_{RANGE}": true_m, f"sim_{RANGE}_std": blur,
+        RANGE: 149_896_229.0 * (edges + rest / period_s) * 2e-9 + rng.normal(0.0, blur / np.sqrt(10.0)),
+    }  # fmt: skip
+    numbers = {name: np.asarray(values, dtype=float) for name, values in numbers.items()}
+    return Columns(n=step.size, numbers=numbers, categories={}, channels=find_channels(set(numbers)))
+
+
+def test_a_faint_skew_stands_beside_a_huge_error_that_is_a_plain_number():
+    names = ("timing.clock_scale", "timing.row_skew", "timing.tdc_nonlinearity", "readout.column_pattern")
+    findings = told(slow_quartz_and_skew(), names)
+    assert [f.effect for f in findings] == ["timing.clock_scale", "timing.row_skew"]
+    skew = next(p for p in findings[1].parameters if p.name == "per_column")
+    assert skew.low < 149_896_229.0 * 5.5e-14 * 0.995 < skew.high
+
+
 def test_a_column_that_is_empty_where_a_channel_has_rows_stops_no_law():
     columns = table(angles=21, pixels=24)
     far = columns.numbers[RANGE]
