@@ -26,6 +26,9 @@ FURTHER, FURTHER_APART = 3.0, 1.0
 the two have no driver in common."""
 QUIET, QUIET_GAIN = 0.15, 3.0
 """Share of its mean square below which an effect hardly acts, and what a further one must gain there."""
+STEADY_GAIN, CLEAR_GAIN = 2.0, 8.0
+"""Log-likelihood by which a further effect is as large wherever a strong one acts, and does not grow with it; and
+what it must gain itself if it gains next to nothing against the strong one."""
 UNDONE = 1.0 / 3.0
 """Share of the squares of two effects of the same drivers that both together must keep: nobody saw what they undo."""
 LEAST_SCATTER = 0.03
@@ -170,9 +173,12 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
         hidden = EXACT_SHARE if term.effect.exact else HIDDEN_SHARE
         least = (MISFIT_SHARE if alike else hidden) * gains.get(index, 0.0)
         another = new.effect.several and new.effect.id == term.effect.id
-        apart = (not alike or another) and ranked.gain > 0.1 * least
-        apart = apart and (
+        apart = (not alike or another) and (
             acts_alone(problem, (base.terms[index], new)) or _stands_apart(problem, base, ranked, index)
+        )
+        clear = min(ranked.gain, ranked.robust) > CLEAR_GAIN
+        apart = apart and (
+            ranked.gain > 0.1 * least or (clear and _grows_with(problem, base, ranked, index) < -STEADY_GAIN)
         )
         if ranked.gain < least and not apart:
             return True
@@ -276,3 +282,25 @@ def _stands_apart(problem: Problem, base: Fit, ranked: Ranked, index: int) -> bo
     quiet = seen & (size**2 < QUIET * float(np.mean(size[seen] ** 2)))
     share = float(power[quiet].sum() / power.sum())
     return share > QUIET and float(gain[quiet].sum()) > max(QUIET_GAIN, 0.5 * share * float(gain[seen].sum()))
+
+
+def _grows_with(problem: Problem, base: Fit, ranked: Ranked, index: int) -> float:
+    """Log-likelihood by which a further effect is rather as large in each row as an earlier one is there.
+
+    What an earlier one's law does not quite say is. Light is compared by the share that the earlier one takes.
+    """
+    view, before = problem.view, forward(ranked.fit.terms[:-1], problem.view)
+    rest = forward([t for k, t in enumerate(base.terms) if k != index], view)
+    own, grown = np.zeros(2), np.zeros(2)
+    for d in problem.data:
+        name = d.channel.name
+        if ranked.fit.state[name] is before[name]:
+            continue
+        size = np.abs(base.state[name] - rest[name])[d.use]
+        if d.channel.role is Role.INTENSITY:
+            size = size / np.maximum(np.abs(rest[name])[d.use], _SMALLEST)
+        change, left = (ranked.fit.state[name] - before[name])[d.use] * d.expect, d.whiten(d.residual(before))
+        for sums, moved in ((own, d.whiten(change)), (grown, d.whiten(change * size))):
+            sums += moved @ left, moved @ moved
+    gains = [0.5 * max(sums[0], 0.0) ** 2 / max(sums[1], _SMALLEST) for sums in (own, grown)]
+    return float(gains[1] - gains[0])

@@ -190,6 +190,8 @@ class Effect(ABC):
     """Whether the scatter that it adds is the same in all rows of a frame: means of few frames then scatter, too."""
     exact: ClassVar[bool] = False
     """Whether its law is a plain number or share, which leaves a real one no other shape."""
+    weather: ClassVar[bool] = False
+    """Whether its strength also hangs on moisture or dirt of the day, which is seldom recorded."""
     essential: ClassVar[str] = ""
     """Parameter that must be told from none for the name: without it what a variant says more is another effect's."""
     confusable: ClassVar[tuple[str, ...]] = ()

@@ -1,5 +1,4 @@
-"""Where pixels look, and the smooth profile with which beam and receiver light the scene, fitted to the "
-"simulation."""
+"""Where pixels look, and the smooth profile, fitted to the simulation, with which beam and receiver light a scene."""
 
 from __future__ import annotations
 
@@ -50,6 +49,21 @@ class Illumination:
             total *= y
             total += part
         return total
+
+    def curvature(self, azimuth: FloatArray, elevation: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Second derivative of the profile over itself, along azimuth and along elevation."""
+        x = np.clip(azimuth / self.reach_az, -1.1, 1.1)
+        y = np.clip(elevation / self.reach_el, -1.1, 1.1)
+        slopes, bends = np.zeros((2, *x.shape)), np.zeros((2, *x.shape))
+        for (i, j), c in zip(self.terms, self.coefficients, strict=True):
+            for axis, (n, own, other) in enumerate(((i, x, y**j), (j, y, x**i))):
+                slopes[axis] += c * n * own ** max(n - 1, 0) * other
+                bends[axis] += c * n * (n - 1) * own ** max(n - 2, 0) * other
+        across, along = (
+            (bend + slope**2) / reach**2
+            for bend, slope, reach in zip(bends, slopes, (self.reach_az, self.reach_el), strict=True)
+        )
+        return across, along
 
 
 def has_rays(view: View) -> bool:
@@ -247,6 +261,16 @@ class Field:
             return np.zeros(view.n) if profile is None else profile.log(*self.places(view))
 
         return per_view(view, ("log profile", channel, self.axes), make)
+
+    def curvature(self, view: View, channel: str) -> tuple[FloatArray, FloatArray]:
+        """Second derivative of the fitted profile over itself at the rows under work, along both axes."""
+
+        def make() -> tuple[FloatArray, FloatArray]:
+            profile = self.profile(view, channel)
+            none = np.zeros(view.n)
+            return (none, none) if profile is None else profile.curvature(*self.places(view))
+
+        return per_view(view, ("profile curvature", channel, self.axes), make)
 
 
 def field_options(view: View) -> dict[str, Option]:

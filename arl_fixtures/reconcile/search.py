@@ -46,6 +46,7 @@ from arl_fixtures.reconcile.screen import Candidate, Screening, Surcharge, all_v
 from arl_fixtures.reconcile.settling import gains_of, settle, shortlist
 from arl_fixtures.reconcile.small_problem import small_part, steps_alike
 from arl_fixtures.reconcile.terms import Term, forward
+from arl_fixtures.reconcile.two_in_place import SECOND_NAME, pairs, sides
 
 FULL_ROWS = 48_000
 MOST_TERMS = 4
@@ -270,9 +271,22 @@ class Search:
             chosen = min(
                 (r for r in self._sure(base, chance, simpler) if is_as_good(r, best)), key=_simplest, default=chosen
             )
+            chosen = self._rather_two(base, screening, chance, chosen)
             ranked = sorted([*ranked, *further, *simpler], key=lambda r: -r.gain)
         p_value = chance.p_value(evidence(ranked[0], self.surcharge)) if ranked else 1.0
         return Stage(base=base, threshold=threshold, p_value=p_value, ranked=ranked, chosen=chosen)
+
+    def _rather_two(self, base: Fit, screening: Screening, chance: Screening, chosen: Ranked) -> Ranked:
+        """The stronger of two effects that say as much as the chosen one with fewer parameters; else the chosen."""
+        single = self.rank(base, sides(screening, chosen))
+        best = chosen
+        most = chosen.gain + SECOND_NAME
+        for one, other in pairs(single):
+            both = self._polish(base, other.candidate, (*one.fit.terms, other.fit.terms[-1]), rounds=4)
+            first = max(self._sure(base, chance, [one, other]), key=lambda r: r.gain, default=None)
+            if both.gain > most and first is not None:
+                best, most = first, both.gain
+        return best
 
     def _nearest(self, close: Sequence[Ranked], chosen: Ranked) -> Ranked:
         """Of the chosen effect's drivers that tell the same the physically nearest, which comes first."""

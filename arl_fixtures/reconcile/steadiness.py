@@ -23,9 +23,9 @@ from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.terms import Term, forward
 
 BINS = 12
-UNSTEADY, UNSTEADY_EXACT = 0.3, 0.15
+UNSTEADY, UNSTEADY_EXACT, UNSTEADY_WEATHER = 0.3, 0.15, 0.5
 """Standard deviation of a name's factor between bins, each counting by what the name changes there, from which it is
-not that effect: shapes differ by less, and those of plain numbers not at all."""
+not that effect: shapes differ by less, those of plain numbers not at all, and those that hang on the day by more."""
 OF_PLACES = 0.5
 """Share of a column's variance between what pixels see from which it tells of that rather than of conditions."""
 UNSTEADY_GAIN = 6.0
@@ -93,12 +93,13 @@ def _moves(
     """Whether a term's factor moves with a column; change and left are whitened, by channel."""
     power = np.concatenate([c * c for c in change])
     score = np.concatenate([c * x for c, x in zip(change, left, strict=True)])
+    most = UNSTEADY_EXACT if term.effect.exact else UNSTEADY_WEATHER if term.effect.weather else UNSTEADY
     for name, values in looker.features.items():
         if place is not None and _told_by(place, values) > OF_PLACES:
             continue
         here = np.concatenate([values[d.use] for d in acting])
         tau, gain = factor_scatter(here, power, score)
-        moving = gain > UNSTEADY_GAIN and tau > (UNSTEADY_EXACT if term.effect.exact else UNSTEADY)
+        moving = gain > UNSTEADY_GAIN and tau > most
         if moving and not (name in looker.problem.groups.unit_columns and acts_in_all(here, power, score)):
             return True
     return False

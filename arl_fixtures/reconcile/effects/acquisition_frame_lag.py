@@ -21,6 +21,7 @@ from arl_fixtures.reconcile.effects_common import (
     shape,
     signals,
 )
+from arl_fixtures.reconcile.effects_encoder import encoders, show_turn
 from arl_fixtures.reconcile.effects_pointing import scanned_channels, turn_stage
 from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.grouping import GAP_SHARE
@@ -47,6 +48,8 @@ class FrameLag(Effect):
     * on the way: where rows are single frames, each shows one place, at `creep`·exp(−t / decay) of that way, t since
       the first frame at its stage angle; t = 0 where an angle has one frame only.
     * delay: frames are taken on the run, and each shows the angle of `delay` seconds before, at the recorded speed.
+    * reading: what an autocollimator or an encoder reads holds `share` of the position before, in whatever order
+      positions were visited; of an even sweep that is a constant or a backlash.
 
     A mixture widens the scatter.
     """
@@ -66,7 +69,10 @@ class FrameLag(Effect):
 
         Single frames of an even sweep, one an angle, are all displaced alike: that is a stage's zero or its backlash.
         """
-        if not view.varies("stage_angle_deg") or not (signals(view) or distances(view)):
+        if not view.varies("stage_angle_deg"):
+            return
+        yield from _of_readings(view)
+        if not (signals(view) or distances(view)):
             return
         drivers = ("stage_angle_deg", "time_s") if view.varies("time_s") else ("stage_angle_deg",)
         for frames in (1, 2):
@@ -130,6 +136,10 @@ class FrameLag(Effect):
         if "creep" in values:
             _settle(variant, values, state, view)
             return
+        if "channel" in variant.options:
+            back = _way_back(view, float(variant.options["longest_s"])).back_deg[view.rows]
+            show_turn(variant, state, view, float(values["share"]) * back)
+            return
         share, frames = float(values["share"]), int(variant.options["frames"])
         missing = _missing_before(view) if frames == 1 else np.zeros(0)
         there = dict(state)
@@ -155,6 +165,8 @@ class FrameLag(Effect):
         if variant.options.get("kind") == "on the way":
             wait = " * exp(-t / decay)" if any(p.name == "decay" for p in variant.parameters) else ""
             return f"X = X at stage_angle_deg + creep{wait} * (angle before - angle)"
+        if "channel" in variant.options:
+            return f"{variant.options['channel']} += share * (stage angle before - stage_angle_deg)"
         return f"X = (1 - share) * X + share * X[{variant.options['frames']} stage position(s) earlier]"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
@@ -182,6 +194,21 @@ class FrameLag(Effect):
         return (
             "Sweep the angles in the other direction, or wait longer before each frame set: a lag turns round or "
             "goes."
+        )
+
+
+def _of_readings(view: View) -> Iterable[Variant]:
+    """Readings of the stage's angle that lag, where it came from nearer or farther by turns."""
+    longest = _longest_s(view)
+    if not (encoders(view) and _way_back(view, longest).is_uneven):
+        return
+    for channel in encoders(view):
+        yield Variant(
+            effect=FrameLag.id,
+            options={"kind": "reading", "channel": channel, "frames": 1, "longest_s": longest},
+            parameters=(amplitude("share", "1", 0.0, 1.0, 0.01),),
+            channels=(channel,),
+            drivers=("stage_angle_deg", "time_s") if view.varies("time_s") else ("stage_angle_deg",),
         )
 
 

@@ -38,7 +38,8 @@ class Multipath(Effect):
       share k that falls off along the longer way. Needs no image. A signal that gathers all light (`lit`) grows by k.
       Of an image k is larger towards the surface: k·(1 + across·x + along·y + sides·x²), x and y from −1 to 1 over
       columns and rows (`sides`: one surface on the left and one on the right).
-    * wall: a surface whose distance from the target is logged, see `effects_wall`.
+    * wall: a surface whose distance from the target is logged, or the floor below a beam of logged height, see
+      `effects_wall`.
     """
 
     id = "air.multipath"
@@ -67,7 +68,9 @@ class Multipath(Effect):
                 drivers = [name for name in ("azimuth_deg", "pixel_u") if view.varies(name)]
                 yield self._variant(source, (share, detour), everything, (f"sim_{channel}", *drivers[:1]))
         for wall, shapes in logged_walls(view, unit):
-            seen_in = tuple(str(wall[key]) for key in ("wall", "white", "aside") if key in wall)
+            seen_in = tuple(dict.fromkeys(str(wall[key]) for key in ("wall", "white", "aside") if key in wall))
+            if wall["wall"] == wall.get("aside"):  # a floor: how far away the target is matters as much
+                seen_in += ("true_range_m" if view.varies("true_range_m") else f"sim_{far[0]}",)
             share_of = share if wall["way"] == "corner" else amplitude("share", "1", 0.0, 2.0, 0.1)  # of its light
             yield self._variant("wall", (share_of, *shapes), far, seen_in, **wall)
             if channel:
@@ -181,6 +184,8 @@ class Multipath(Effect):
         if source == "side":
             return f"{share} of the light returns over a surface {values['height']:.2f} {unit} beside the beam."
         if source == "wall":
+            if "lobe" in values:
+                return f"The floor adds light on a longer way, {share} of what a white one seen whole would add."
             return f"A surface beside the target adds up to {share} of light on a longer way, most where it is near."
         return (
             f"{share} of the surroundings' light arrives over a detour of {values['detour']:.2f} {unit} and "

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Option, Stage, Values, Variant
+from arl_fixtures.reconcile.effect import Option, Parameter, Stage, Values, Variant
 from arl_fixtures.reconcile.effects_arrhenius import arrhenius
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
@@ -25,7 +25,7 @@ from arl_fixtures.reconcile.effects_common import (
     span,
     temperature_drivers,
 )
-from arl_fixtures.reconcile.effects_illumination import Field, field_options
+from arl_fixtures.reconcile.effects_illumination import Across, Field, Illumination, field_options
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
@@ -36,6 +36,7 @@ class ProfileChange(LightFactor):
     * width: I *= B(az/(1+w_az), el/(1+w_el)) / B(az, el); a change of the power as a whole is the laser's.
       By Arrhenius' law also by ((1+w_az)(1+w_el))^−thinned: what is spread is missing in the middle.
     * edge: I *= exp(−edge_az·|az/edge|^order − edge_el·|el/edge|^order).
+    * blur: every ray spread by a Gaussian of variance v, I *= 1 + ½·v_az·B_az,az/B + ½·v_el·B_el,el/B.
     * centre: I *= 1 − centre·exp(−(r/radius)²), r the distance from the axis over the half field of view.
 
     With a temperature all grow in proportion; the width also by Arrhenius' law (a cement that softens).
@@ -54,7 +55,8 @@ class ProfileChange(LightFactor):
         field = Field(field_options(view))
         axes = field.varying(view)
         for channel in signals(view):
-            if field.profile(view, channel) is None:
+            profile = field.profile(view, channel)
+            if profile is None:
                 continue
             drivers = ("", *temperatures, *age_drivers(view)[:1])
             scales = [(d, {**scale, **field_options(view)}) for d in drivers for scale in _scales(view, d)]
@@ -63,10 +65,12 @@ class ProfileChange(LightFactor):
             highest: list[dict[str, Option]] = [{"grows": rounded(view.span(name)[1])} for name in housing]
             scales += [(d, {**scale, **field_options(view)}) for d, scale in zip(housing, highest, strict=True)]
             for driver, scale in scales:
-                for kind in ("width",) if "grows" in scale else ("width", "edge", "centre"):
+                for kind in ("width",) if "grows" in scale else ("width", "edge", "centre", "blur"):
                     parameters = [amplitude(f"{kind}_{axis.short}", "1", -0.5, 2.0, 0.05) for axis in axes]
                     if kind == "edge":
                         parameters.append(shape("order", "1", 1.5, 8.0, 3.0))
+                    if kind == "blur":
+                        parameters = [_variance(axis, profile) for axis in axes]
                     if kind == "centre":
                         parameters = [amplitude("centre", "1", -2.0, 0.95, 0.05), shape("radius", "1", 0.1, 0.7, 0.5)]
                     if "grows" in scale:
@@ -99,6 +103,9 @@ class ProfileChange(LightFactor):
             edge_x, edge_y = field.along(values, "edge")
             loss = edge_x * np.abs(x / profile.reach_az) ** order + edge_y * np.abs(y / profile.reach_el) ** order
             return np.asarray(np.exp(np.clip(-loss * size, -4.0, 4.0)))
+        if variant.options["kind"] == "blur":
+            bends = zip(field.along(values, "blur"), field.curvature(view, channel), strict=True)
+            return np.asarray(np.clip(1.0 + size * sum(0.5 * v * bend for v, bend in bends), 0.02, 50.0))
         wide_x, wide_y = (np.maximum(1.0 + wider * size, 0.3) for wider in field.along(values, "width"))
         stretched = profile.log(x / wide_x, y / wide_y) - field.log_profile(view, channel)
         if "thinned" in values:
@@ -119,6 +126,8 @@ class ProfileChange(LightFactor):
             return f"{channel} *= 1 - centre * exp(-(({x} / edge)^2 + ({y} / edge)^2) / radius^2){grown}"
         if variant.options["kind"] == "edge":
             return f"{channel} *= exp(-edge_{x} * |{x} / edge|^order - edge_{y} * |{y} / edge|^order){grown}"
+        if variant.options["kind"] == "blur":
+            return f"{channel} *= 1 + (blur_{x} * d2B/d{x}2 + blur_{y} * d2B/d{y}2) / (2 B){grown}"
         wide = f"(1 + width_{x}), {y} / (1 + width_{y})"
         thinned = f" * ((1 + width_{x}) * (1 + width_{y}))^-thinned" if "grows" in variant.options else ""
         return f"{channel} *= B({x} / {wide}) / B({x}, {y}){thinned}{grown}"
@@ -130,13 +139,20 @@ class ProfileChange(LightFactor):
         if driver:
             low, high = view.span(driver)
             when = f" from {low:.4g} to {high:.4g} {unit_of(driver)} of {driver}"
-        kinds = {"width": "width", "edge": "fall-off at its edges", "centre": "middle"}
+        kinds = {"width": "width", "edge": "fall-off at its edges", "centre": "middle", "blur": "sharpness"}
         what = kinds[str(variant.options["kind"])]
         return f"The beam's {what} changed{when}: the signal differs {percent(*self.change(variant, values, view))}."
 
     def next_experiment(self, variant: Variant) -> str:
         """What tells it from the receiver."""
         return "Picture the beam on a screen with an infrared camera: the receiver's vignetting is not on it."
+
+
+def _variance(axis: Across, profile: Illumination) -> Parameter:
+    """Variance of a blur along an axis, at most that of a half field of view."""
+    reach = profile.reach_el if axis.column in ("elevation_deg", "pixel_v") else profile.reach_az
+    unit = "half-widths^2" if axis.is_pixel else "deg^2"
+    return amplitude(f"blur_{axis.short}", unit, -(reach**2), reach**2, 0.01 * reach**2)
 
 
 def _scales(view: View, driver: str) -> list[dict[str, Option]]:

@@ -33,6 +33,7 @@ class WindowFrost(LightFactor):
 
     id = "optics.window_frost"
     stage = Stage.OPTICS
+    weather = True
     source = (
         "Na, Webb, Int. J. Heat Mass Transfer 47 (2004) 925: growth by supersaturation; Magnus formula (WMO-No. 8)"
     )

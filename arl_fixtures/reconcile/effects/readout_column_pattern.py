@@ -199,6 +199,8 @@ class ColumnPattern(Effect):
 _SHORTEST, _MOST_STARTS = 2.1, 80
 _MOST_HELD = 256
 _OFF_GRID = 0.01
+_FEWEST_SWINGS = 1.5
+"""Swings over the image by which a pattern is one, and no smooth profile."""
 
 
 def _waves(variant: Variant, values: Values, place: FloatArray) -> dict[str, FloatArray]:
@@ -210,7 +212,7 @@ def _waves(variant: Variant, values: Values, place: FloatArray) -> dict[str, Flo
 
 
 def _looks_level(period: float, held: FloatArray) -> bool:
-    """Whether the columns that the table holds see less than one swing of so short a wave: every third one of 2.99.
+    """Whether the columns that the table holds see too little of a wave's swing, be it short: of 2.99 every third.
 
     Such a wave would stand for whatever changes slowly over the image.
     """
@@ -219,7 +221,7 @@ def _looks_level(period: float, held: FloatArray) -> bool:
     if stride <= 0.0 or np.any(np.abs(strides / stride - np.rint(strides / stride)) > _OFF_GRID):
         return False
     seen = abs(stride / period - np.rint(stride / period)) / stride  # cycles a column, as they show at these
-    return bool(seen * float(np.ptp(held)) < 1.0)
+    return bool(seen * float(np.ptp(held)) < _FEWEST_SWINGS)
 
 
 def _columns_held(view: View, axis: str) -> str:
