@@ -142,7 +142,7 @@ def test_a_beam_spread_by_its_diffuser_is_no_pattern_of_rows():
     assert found.effect == "beam.profile_change"
 
 
-# ---- one that hides another -----------------------------------------------------------------------------------------
+# ---- one that hides another ---------------------------------------------------------------------------------------
 
 
 def worn_and_stained(seed=8):
