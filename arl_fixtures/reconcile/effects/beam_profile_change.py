@@ -30,6 +30,9 @@ from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
 
+_KINDS = ("width", "edge", "centre")
+
+
 class ProfileChange(LightFactor):
     """A beam that is stretched, falls off at its edges, or is worn in its middle.
 
@@ -65,7 +68,7 @@ class ProfileChange(LightFactor):
             highest: list[dict[str, Option]] = [{"grows": rounded(view.span(name)[1])} for name in housing]
             scales += [(d, {**scale, **field_options(view)}) for d, scale in zip(housing, highest, strict=True)]
             for driver, scale in scales:
-                for kind in ("width",) if "grows" in scale else ("width", "edge", "centre", "blur"):
+                for kind in ("width",) if "grows" in scale else _KINDS if driver else (*_KINDS, "blur"):
                     parameters = [amplitude(f"{kind}_{axis.short}", "1", -0.5, 2.0, 0.05) for axis in axes]
                     if kind == "edge":
                         parameters.append(shape("order", "1", 1.5, 8.0, 3.0))
