@@ -29,7 +29,6 @@ from arl_fixtures.reconcile.effects_illumination import Across, Field, Illuminat
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
-
 _KINDS = ("width", "edge", "centre")
 
 

@@ -78,8 +78,13 @@ class ColumnPattern(Effect):
             )
         if kind == "periodic":
             longest = min(span(view, axis), 64.0)
-            starts = period_starts(_SHORTEST, longest, span(view, axis), most=_MOST_STARTS)
+            reach = span(view, axis)
             whole = tuple(period for period in (3.0, 4.0, 5.0, 6.0, 8.0, 16.0) if period < longest)
+            starts = tuple(
+                start
+                for start in period_starts(_SHORTEST, longest, reach, most=_MOST_STARTS)
+                if all(abs(1.0 / start - 1.0 / period) * reach > _SAME_START for period in whole)
+            )
             parameters += (shape("period", "px", _SHORTEST, longest, *whole, *starts),)
         return Variant(
             effect=self.id,
@@ -197,6 +202,7 @@ class ColumnPattern(Effect):
 
 
 _SHORTEST, _MOST_STARTS = 2.1, 80
+_SAME_START = 0.1  # cycles over the image: two starts closer than this are one
 _MOST_HELD = 256
 _OFF_GRID = 0.01
 _FEWEST_SWINGS = 1.5
