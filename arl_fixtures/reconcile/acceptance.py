@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effects_surface import TOGETHER
 from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.own_driver import driven_by, has_own_driver, mends_shape
@@ -26,6 +27,8 @@ FURTHER, FURTHER_APART = 3.0, 1.0
 the two have no driver in common."""
 QUIET, QUIET_GAIN = 0.15, 3.0
 """Share of its mean square below which an effect hardly acts, and what a further one must gain there."""
+STILL = 0.3
+"""Standard errors up to which a row counts as not mixed."""
 STEADY_GAIN, CLEAR_GAIN = 2.0, 8.0
 """Log-likelihood by which a further effect is as large wherever a strong one acts, and does not grow with it; and
 what it must gain itself if it gains next to nothing against the strong one."""
@@ -41,6 +44,8 @@ LEAST_MEANS = 0.2
 TWIN_GAIN, LEAST_ROBUST = 2.0, 0.1
 """Of candidates that differ by less in log-likelihood the one with fewest parameters is taken; where both move edges,
 as a test that allows for shared errors counts it, down to this share of the plain one."""
+AT_EDGE = 1e-3
+"""Share of an amplitude's range that counts as its edge."""
 ESSENTIAL_Z = 2.0
 """Standard errors by which an effect's essential parameter must differ from none."""
 PATTERN_ODDS = 0.65
@@ -164,19 +169,22 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
     Two laws of the same drivers that undo each other draw a curve by their difference: neither is seen.
     """
     new = ranked.fit.terms[-1]
+    if base.terms and _is_beyond_reach(new):
+        return True
     if _mends_side_effects(problem, ranked) or _undoes(problem, ranked) or _worsens_own(problem, base, ranked):
         return True
     for index, term in enumerate(base.terms):
         if not set(term.variant.channels) & set(new.variant.channels) or _is_side(term, new):
             continue
-        alike = bool(driven_by(term) & driven_by(new)) and not has_own_driver(problem, ranked.fit.terms, term)
+        common = bool(driven_by(term) & driven_by(new))
+        alike = common and not has_own_driver(problem, ranked.fit.terms, term)
         hidden = EXACT_SHARE if term.effect.exact else HIDDEN_SHARE
         least = (MISFIT_SHARE if alike else hidden) * gains.get(index, 0.0)
         another = new.effect.several and new.effect.id == term.effect.id
         apart = (not alike or another) and (
             acts_alone(problem, (base.terms[index], new)) or _stands_apart(problem, base, ranked, index)
         )
-        clear = min(ranked.gain, ranked.robust) > CLEAR_GAIN
+        clear = not common and min(ranked.gain, ranked.robust) > CLEAR_GAIN
         apart = apart and (
             ranked.gain > 0.1 * least or (clear and _grows_with(problem, base, ranked, index) < -STEADY_GAIN)
         )
@@ -186,6 +194,16 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
         if small and not alike and mends_shape(problem, ranked.fit.terms, term):
             return True
     return False
+
+
+def _is_beyond_reach(new: Term) -> bool:
+    """Whether an effect's fit ends at the edge of what it can physically be: it stands for something else."""
+    return any(
+        edge != p.null and abs(float(new.values[p.name]) - edge) < AT_EDGE * (p.high - p.low)
+        for p in new.variant.amplitudes()
+        if not p.per
+        for edge in (p.low, p.high)
+    )
 
 
 def _worsens_own(problem: Problem, base: Fit, ranked: Ranked) -> bool:
@@ -268,7 +286,10 @@ def _mends_side_effects(problem: Problem, ranked: Ranked) -> bool:
 
 
 def _stands_apart(problem: Problem, base: Fit, ranked: Ranked, index: int) -> bool:
-    """Whether a further effect gains as much where an earlier one hardly acts: what mends its shape does not."""
+    """Whether a further effect gains as much where an earlier one hardly acts: what mends its shape does not.
+
+    Of what lies within a pixel a table knows little: where that is mixed, there is no row in which little is mixed.
+    """
     view, terms = problem.view, ranked.fit.terms
     rest = forward([t for k, t in enumerate(base.terms) if k != index], view)
     size = np.concatenate([
@@ -279,7 +300,8 @@ def _stands_apart(problem: Problem, base: Fit, ranked: Ranked, index: int) -> bo
     seen = power > 1e-9
     if not seen.any():
         return False
-    quiet = seen & (size**2 < QUIET * float(np.mean(size[seen] ** 2)))
+    least = STILL**2 if base.terms[index].effect.mixes else QUIET * float(np.mean(size[seen] ** 2))
+    quiet = seen & (size**2 < least)
     share = float(power[quiet].sum() / power.sum())
     return share > QUIET and float(gain[quiet].sum()) > max(QUIET_GAIN, 0.5 * share * float(gain[seen].sum()))
 
@@ -287,20 +309,31 @@ def _stands_apart(problem: Problem, base: Fit, ranked: Ranked, index: int) -> bo
 def _grows_with(problem: Problem, base: Fit, ranked: Ranked, index: int) -> float:
     """Log-likelihood by which a further effect is rather as large in each row as an earlier one is there.
 
-    What an earlier one's law does not quite say is. Light is compared by the share that the earlier one takes.
+    What an earlier one's law does not quite say is, or is a function of that one's size. Light is compared by
+    the share that the earlier one takes.
     """
     view, before = problem.view, forward(ranked.fit.terms[:-1], problem.view)
     rest = forward([t for k, t in enumerate(base.terms) if k != index], view)
-    own, grown = np.zeros(2), np.zeros(2)
+    own, grown, bent = 0.0, 0.0, 0.0
     for d in problem.data:
         name = d.channel.name
         if ranked.fit.state[name] is before[name]:
             continue
-        size = np.abs(base.state[name] - rest[name])[d.use]
+        size, unit = (base.state[name] - rest[name])[d.use], np.ones(len(d.use))
         if d.channel.role is Role.INTENSITY:
-            size = size / np.maximum(np.abs(rest[name])[d.use], _SMALLEST)
+            unit = np.abs(rest[name])[d.use]
+            size = size / np.maximum(unit, _SMALLEST)
+        size = size / max(float(np.max(np.abs(size))), _SMALLEST)
         change, left = (ranked.fit.state[name] - before[name])[d.use] * d.expect, d.whiten(d.residual(before))
-        for sums, moved in ((own, d.whiten(change)), (grown, d.whiten(change * size))):
-            sums += moved @ left, moved @ moved
-    gains = [0.5 * max(sums[0], 0.0) ** 2 / max(sums[1], _SMALLEST) for sums in (own, grown)]
-    return float(gains[1] - gains[0])
+        own += _told([d.whiten(change)], left)
+        grown += _told([d.whiten(change * np.abs(size))], left)
+        bent += _told([d.whiten(unit * size**power) for power in range(4)], left) - 4.0
+    return max(grown, bent) - own
+
+
+def _told(columns: Sequence[FloatArray], left: FloatArray) -> float:
+    """Log-likelihood that a sum of columns takes from a whitened residual."""
+    design = np.column_stack(columns)
+    design = design / np.maximum(np.linalg.norm(design, axis=0), _SMALLEST)
+    fitted = design @ np.linalg.lstsq(design, left, rcond=None)[0]
+    return 0.5 * float(fitted @ fitted)

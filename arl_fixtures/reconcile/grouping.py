@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from arl_fixtures.reconcile.columns import IMAGE_COLUMNS, Columns, FloatArray, IntArray
-from arl_fixtures.reconcile.roles import PIXEL_COLUMNS, counts_visits, unit_of
+from arl_fixtures.reconcile.roles import PIXEL_COLUMNS, counts_repeats, counts_visits, unit_of
 
 UNIT_WORDS = ("zone", "pixel", "channel", "sensor", "device", "unit", "module", "serial", "run", "tap")
 DEVICE_WORDS = ("dut", "sensor", "device", "module", "serial", "run")
@@ -166,11 +166,13 @@ def _visit_columns(table: Columns, unit_columns: tuple[str, ...]) -> tuple[str, 
     best: tuple[str, ...] = ()
     most = 2
     for name in sorted({*table.numbers, *table.categories} - set(unit_columns)):
-        if not counts_visits(name):
+        if not counts_visits(name) and not counts_repeats(name):
             continue
         if name in table.numbers and not np.array_equal(table.numbers[name], np.round(table.numbers[name])):
             continue  # a NaN is no number of a stop
         levels = int(table.group(name).max()) + 1
+        if counts_repeats(name) and levels < FEWEST_BLOCKS:
+            continue
         if most < levels <= table.n // 3:
             best, most = (name,), levels
     return best

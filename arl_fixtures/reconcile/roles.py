@@ -44,6 +44,8 @@ _VISIT_WORDS = (
     "step", "stop", "readout", "read_out", "visit", "position", "placement", "station", "pose", "point", "setting",
     "session", "record", "measurement", "soak", "dwell", "burst", "shot", "batch", "interval", "sequence",
 )  # fmt: skip
+_REPEAT_WORDS = frozenset({"repetition", "repeat", "rep", "trial", "scan", "sweep", "pass"})
+"""Words of a name that say the same was done again."""
 
 HALF_TURN_DEG = 180.0
 """Span of azimuths beyond which rays look all around, a scanner's: no camera's, and with no axis to lie about."""
@@ -156,3 +158,13 @@ def counts_visits(name: str) -> bool:
     """
     taken = name.startswith(("sim_", "pixel_", "~")) or bool(suffix(name))
     return not taken and any(word in name for word in _VISIT_WORDS)
+
+
+def counts_repeats(name: str) -> bool:
+    """Whether a column seems to number how often a bench did the same: what it did is in others.
+
+    >>> counts_repeats("repetition"), counts_repeats("sweep_no"), counts_repeats("scan_rate_hz"), counts_repeats("echo")
+    (True, True, False, False)
+    """
+    taken = name.startswith(("sim_", "pixel_", "~")) or bool(suffix(name))
+    return not taken and not _REPEAT_WORDS.isdisjoint(name.split("_"))

@@ -163,3 +163,62 @@ def worn_and_stained(seed=8):
 def test_a_faint_spot_is_seen_under_a_laser_that_fades_a_thousand_times_as_clearly():
     found = [f.effect for f in diagnose(worn_and_stained())[0].findings]
     assert found == ["laser.power_decay", "optics.window_contamination"]
+
+
+# ---- pixels that see two boards, ranged along their centre's ray --------------------------------------------------
+
+BOARDS_DEG = ((-14.0, -9.0, 0.18), (-5.0, 1.0, 0.5), (4.5, 9.5, 0.8))
+PITCH_DEG = 0.94
+
+
+def boards(bearing_deg):
+    """Range and albedo along rays: three upright boards before a wall, seen from their axis."""
+    place, white = 1.6 / np.cos(np.radians(bearing_deg)), np.full(bearing_deg.shape, 0.06)
+    for first, last, albedo in BOARDS_DEG:
+        on = (bearing_deg >= first) & (bearing_deg < last)
+        place, white = np.where(on, 1.1 / np.cos(np.radians(bearing_deg)), place), np.where(on, albedo, white)
+    return place, white
+
+
+def over_a_pixel(middle_deg, filled=0.8, pulse_ns=3.0):
+    """Light, and range by the centroid of what comes back from 41 rays, each a pulse of its own."""
+    rays = middle_deg[:, None] + filled * PITCH_DEG * (np.arange(41) - 20) / 41
+    place, white = boards(rays)
+    time = np.arange(-10.0, 36.0, 0.2)
+    wave = np.einsum(
+        "nr,nrt->nt", white / place**2, np.exp(-0.5 * ((time - 2.0 * place[..., None] / LIGHT_M_NS) / pulse_ns) ** 2)
+    )
+    return (white / place**2).mean(axis=1), 0.5 * LIGHT_M_NS * (wave @ time) / wave.sum(axis=1)
+
+
+def ranged_by_the_centre(seed=9):
+    rng = np.random.default_rng(seed)
+    step, stop, row, column = grid(np.arange(4), np.arange(9), np.arange(2), np.arange(30))
+    angle, pixel_v = np.array([-33.0, -12.4, -7.9, -3.1, 0.6, 4.4, 9.1, 14.7, 31.0])[stop], np.array([9.0, 20.0])[row]
+    azimuth = PITCH_DEG * (column - 14.5)
+    bearing = azimuth + angle
+    light, far = over_a_pixel(bearing)
+    place, white = boards(bearing)
+    ends = [boards(bearing + side * 0.5 * PITCH_DEG)[1] for side in (-0.8, 0.8)]
+    names = {0.06: "wall", 0.18: "grey", 0.5: "light", 0.8: "white"}
+    counts = 4500.0 * light
+    noise, blur = 10.0 + np.sqrt(0.2 * counts), 0.005 * (1.0 + 200.0 / counts)
+    return columns_of(
+        {
+            "step": step, "set_temperature_c": np.array([-10.0, 25.0, 55.0, 85.0])[step],
+            "time_s": 3600.0 * step + 14.0 * stop, "stage_angle_deg": angle, "pixel_u": column, "pixel_v": pixel_v,
+            "azimuth_deg": azimuth, "elevation_deg": 0.33 * (pixel_v - 15.5), "true_range_m": place,
+            "reflectance": white, "n_frames": np.full(step.size, 1.0),
+            "sim_intensity_counts": counts, "sim_intensity_counts_std": noise,
+            "sim_distance_m": place, "sim_distance_m_std": blur,
+            "intensity_counts": counts + rng.normal(0.0, noise), "distance_m": far + rng.normal(0.0, blur),
+        },
+        surface=np.array([names[x] for x in white]),
+        mixed=np.where((ends[0] != white) | (ends[1] != white), "true", "false"),
+    )  # fmt: skip
+
+
+def test_a_pixel_that_sees_two_boards_ranged_along_its_centre_mixes_them():
+    (found,) = diagnose(ranged_by_the_centre())[0].findings
+    assert found.effect == "target.edge_mixing"
+    assert "mixed" in found.drivers

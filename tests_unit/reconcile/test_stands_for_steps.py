@@ -54,3 +54,17 @@ def test_a_clock_is_told_from_an_offset_only_where_distances_of_a_unit_differ(ne
     made = pa.table({"run": run, "sim_distance_m": distance, "distance_m": distance + 1e-4})
     variants = list(library()["timing.clock_scale"].variants(Problem(columns_of(made)).view))
     assert bool(variants) is told
+
+
+@pytest.mark.parametrize("name", ["repetition", "sweep_no", "trial"])
+def test_what_is_swept_again_and_again_is_held_out_by_repetitions_not_by_places(name):
+    again, place = np.repeat(np.arange(12), 50), np.tile(np.linspace(-0.06, 0.06, 50), 12)
+    groups = find_groups(columns_of(table(**{name: again, "edge_offset_m": place})))
+    assert np.array_equal(groups.block, again)  # every block holds the edge
+
+
+@pytest.mark.parametrize("name", ["scan_rate_hz", "return_no", "true_repeat_m"])
+def test_a_rate_or_an_echo_number_counts_no_repetitions(name):
+    again, place = np.repeat(np.arange(12), 50), np.tile(np.linspace(-0.06, 0.06, 50), 12)
+    groups = find_groups(columns_of(table(**{name: again, "edge_offset_m": place})))
+    assert not np.array_equal(groups.block, again)
