@@ -163,7 +163,7 @@ def counts_visits(name: str) -> bool:
 def counts_repeats(name: str) -> bool:
     """Whether a column seems to number how often a bench did the same: what it did is in others.
 
-    >>> counts_repeats("repetition"), counts_repeats("sweep_no"), counts_repeats("scan_rate_hz"), counts_repeats("echo")
+    >>> counts_repeats("repetition"), counts_repeats("sweep_no"), counts_repeats("rate_hz"), counts_repeats("echo")
     (True, True, False, False)
     """
     taken = name.startswith(("sim_", "pixel_", "~")) or bool(suffix(name))
