@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.effects_common import is_of_bench, per_table, per_view
 from arl_fixtures.reconcile.view import View
 
@@ -124,6 +125,45 @@ def history(view: View, column: str, jump: float | None = None) -> History | Non
         return History(values=grid, interval=clock.interval, unit=clock.unit, start=clock.start)
 
     return per_table(view, ("history", column, jump), make)
+
+
+SOAK_FROM = 0.2
+"""Share of the way from a step's rows to the next step's at which a bench that soaks is at its new temperature."""
+_STEADY = 0.25
+"""Range of a temperature within a step, in its change from step to step, up to which the bench had soaked."""
+
+
+def settles_at(view: View, column: str) -> float | None:
+    """Where between two steps a temperature changes, as a share of the way, for `history`; None where rows tell.
+
+    A bench that goes from setpoint to setpoint, waits and measures shows steady readings within each step. It leaves
+    the old temperature when its rows are done, and soaks for most of the time at the new one.
+    """
+
+    def find() -> float | None:
+        values, table = view.columns.numbers[column], view.columns
+        good = np.isfinite(values)
+        if not {"step", "time_s"} <= set(table.numbers) or not good.any():
+            return None
+        code = np.unique(table.group("dut", "cycle", "step")[good], return_inverse=True)[1]
+        count = np.bincount(code)
+        middle = np.bincount(code, values[good]) / count
+        inside = np.sqrt(np.bincount(code, (values[good] - middle[code]) ** 2) / count)
+        order = np.lexsort((np.bincount(code, table.numbers["time_s"][good]) / count, _first(code, table, good)))
+        change = np.abs(np.diff(middle[order]))
+        moved = change[change > 0.0]
+        if moved.size < 2 or float(np.median(inside)) > _STEADY * float(np.median(moved)):
+            return None
+        return SOAK_FROM
+
+    return per_table(view, ("settles at", column), find)
+
+
+def _first(code: IntArray, table: Columns, good: NDArray[np.bool_]) -> IntArray:
+    """Cycle of a DUT to which each step belongs."""
+    group = np.zeros(int(code.max()) + 1, dtype=np.int64)
+    group[code] = table.group("dut", "cycle")[good]
+    return group
 
 
 _QUICK = 0.1

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from arl_fixtures.reconcile.acceptance import PATTERN_ODDS, PRICE, evidence, is_misfit
+from arl_fixtures.reconcile.acceptance import PATTERN_ODDS, PRICE, evidence, is_misfit, is_repeat
 from arl_fixtures.reconcile.fit import Fit, finish, fit
 from arl_fixtures.reconcile.problem import Problem, scale_of
 from arl_fixtures.reconcile.roles import Role
@@ -48,7 +48,8 @@ def _swapped(search: Search, best: Fit, rest: tuple[Term, ...], label: str, stag
         present = finish(problem, fit(problem, best.terms, rounds=2))
         needed = present.log_likelihood - without.log_likelihood - PRICE * (len(best.keys) - len(without.keys))
         again = screen(search.small, search.variants, rest)
-        ranked = search.rank(without, shortlist(again.candidates)[:OPTIONS])
+        others = [c for c in again.candidates if not is_repeat(without, c)]
+        ranked = search.rank(without, shortlist(others)[:OPTIONS])
         # the effect itself is fitted like the others: from its start, and with less scatter of the steps, too
         needed = max([needed, *(r.gain for r in ranked if r.candidate.term.label == label)])
         better = [r for r in ranked if r.candidate.term.label != label and r.gain > needed + 1.0]

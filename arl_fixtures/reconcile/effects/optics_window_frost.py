@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
     temperature_drivers,
 )
-from arl_fixtures.reconcile.effects_history import History, history, low_pass, on_rows, reservoir
+from arl_fixtures.reconcile.effects_history import History, history, low_pass, on_rows, reservoir, settles_at
 from arl_fixtures.reconcile.view import View
 
 
@@ -34,6 +35,7 @@ class WindowFrost(LightFactor):
     id = "optics.window_frost"
     stage = Stage.OPTICS
     weather = True
+    single = True
     source = (
         "Na, Webb, Int. J. Heat Mass Transfer 47 (2004) 925: growth by supersaturation; Magnus formula (WMO-No. 8)"
     )
@@ -57,17 +59,15 @@ class WindowFrost(LightFactor):
                 if record is not None:
                     most = max(float(_film(record, onset.starts[0], 1.0).max()), 1e-6)
                     unit = "1/(hPa h)" if record.unit == "s" else "1/(hPa step)"
-                    yield self._variant(
-                        view,
-                        {**options, "kind": "balance"},
-                        (
-                            *_depths(unit, most),
-                            onset,
-                            shape("melt", "1", 0.02, 50.0, 1.0),
-                            *_soak(record),
-                        ),
-                    )
+                    rest = shape("melt", "1", 0.02, 50.0, 1.0), *_soak(record)
+                    yield self._variant(view, {**options, "kind": "balance"}, (*_depths(unit, most), onset, *rest))
                     yield from self._from_moist_air(view, options)
+                    jump = settles_at(view, column)
+                    if jump is not None:
+                        told = {**options, "settles_at": jump}
+                        first = replace(onset, starts=onset.starts[:1])
+                        yield self._variant(view, {**told, "kind": "balance"}, (*_depths(unit, most), first, *rest))
+                        yield from self._from_moist_air(view, told)
                     longest = record.interval * record.values.shape[1]
                     unit = record.unit
                     memory = (shape("lag", unit, 1e-3 * longest, longest, 0.01 * longest),)
@@ -79,7 +79,7 @@ class WindowFrost(LightFactor):
 
     def _from_moist_air(self, view: View, options: dict[str, Option]) -> Iterable[Variant]:
         for dew in [n for n in view.covariates("_c") if "dew_point" in n or "frost_point" in n][:1]:
-            record, moist = history(view, str(options["temperature"])), history(view, dew)
+            record, moist = _record(view, options), history(view, dew)
             if record is None or moist is None:
                 continue
             most = float(_film(record, moist.values, 1.0).max())
@@ -108,7 +108,7 @@ class WindowFrost(LightFactor):
         """Transmission of the film, both ways of the light."""
         column = str(variant.options["temperature"])
         onset, before = float(values.get("onset", 0.0)), float(values.get("before", 0.0))
-        record = history(view, column)
+        record = _record(view, variant.options)
         moist = history(view, str(variant.options["dew"])) if "dew" in variant.options else None
         if record is not None and moist is not None:
             film = on_rows(view, _film(record, moist.values + float(values["margin"]), float(values["melt"]), before))
@@ -210,6 +210,12 @@ def _film(record: History, onset: FloatArray | float, melt: float, before: float
     grown = np.where(surplus > 0.0, surplus, melt * surplus) * hours
     grown[:, 0] += np.maximum(surplus[:, 0], 0.0) * hours * before / record.interval
     return reservoir(grown)
+
+
+def _record(view: View, options: Mapping[str, Option]) -> History | None:
+    """History of the temperature, which changes right after a step's rows where it was steady in the next ones."""
+    jump = options.get("settles_at")
+    return history(view, str(options["temperature"]), None if jump is None else float(str(jump)))
 
 
 def _heights(view: View) -> dict[str, Option]:
