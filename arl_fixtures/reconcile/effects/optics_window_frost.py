@@ -29,6 +29,7 @@ class WindowFrost(LightFactor):
     * balance: dF/dt = e(onset) − e(T), e the vapour pressure: grows in proportion to the supersaturation below the
       dew or frost point `onset`, goes in proportion to the deficit above, `melt` times as fast; F ≥ 0.
     * dew point (where one is logged): the balance with e(dew point + margin) for e(onset), moist air as it came.
+    * Where a bench soaks, T steps early on its way between two steps' rows; else it goes in a straight line.
     * settled: F follows max(onset − T, 0) within a time constant: film and vapour near equilibrium.
     """
 
@@ -142,7 +143,9 @@ class WindowFrost(LightFactor):
             film = f"dF/dt = e(onset) - e({column}), times melt where negative, F >= 0, e the vapour pressure"
         else:
             film = f"F = max(onset - {column}, 0), delayed by lag"
-        return f"{channel} *= exp(-(depth + lean * height) * F); {film}"
+        soaks = variant.options.get("settles_at")
+        held = f"; {column} steps at {soaks} of the way from a step's rows to the next one's" if soaks else ""
+        return f"{channel} *= exp(-(depth + lean * height) * F); {film}{held}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Loss and onset."""
