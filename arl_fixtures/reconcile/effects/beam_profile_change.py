@@ -30,6 +30,8 @@ from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
 _KINDS = ("width", "edge", "centre")
+_SHARPENED, _SPREAD = 0.2, 0.4
+"""Standard deviations over the half field of view, by which a blur may have shrunk and grown."""
 
 
 class ProfileChange(LightFactor):
@@ -151,10 +153,11 @@ class ProfileChange(LightFactor):
 
 
 def _variance(axis: Across, profile: Illumination) -> Parameter:
-    """Variance of a blur along an axis, at most that of a half field of view."""
+    """Variance of a blur along an axis: the law is of second order, and a beam can be sharpened by little."""
     reach = profile.reach_el if axis.column in ("elevation_deg", "pixel_v") else profile.reach_az
     unit = "half-widths^2" if axis.is_pixel else "deg^2"
-    return amplitude(f"blur_{axis.short}", unit, -(reach**2), reach**2, 0.01 * reach**2)
+    low, high = -((_SHARPENED * reach) ** 2), (_SPREAD * reach) ** 2
+    return amplitude(f"blur_{axis.short}", unit, low, high, 0.01 * reach**2)
 
 
 def _scales(view: View, driver: str) -> list[dict[str, Option]]:

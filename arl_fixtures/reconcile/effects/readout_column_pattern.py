@@ -36,6 +36,7 @@ class ColumnPattern(Effect):
     may be (nearly) the same on all of them, and that is no pattern but the level.
     Period 2 is odd against even (one part only). Of four or eight interleaved converters each has an offset (or gain)
     of its own against the first: X += tap_k, or X *= 1 + tap_k, at pixels k modulo their number; their mean is nil.
+    Where the table holds pixels of some of them only, the mean of these need not be: each has its own from nothing.
     """
 
     id = "readout.column_pattern"
@@ -112,12 +113,13 @@ class ColumnPattern(Effect):
                 "axis": axis,
                 "kind": kind,
                 "converters": count,
+                "seen": "all" if len(_converters_seen(view, axis, count)) == count else "some",
                 "temperature": "",
                 "reference": 0.0,
             },
             parameters=tuple(
                 amplitude(f"tap_{k}", unit, -50.0 * size, 50.0 * size, size)
-                for k in _converters_seen(view, axis, count)[1:]
+                for k in _converters_told(view, axis, count)
             ),
             channels=with_scatter(view, channel) if kind == "gains" else (channel,),
             drivers=(axis,),
@@ -163,7 +165,8 @@ class ColumnPattern(Effect):
         if variant.options["kind"] in {"taps", "gains"}:
             law = f"{channel} +=" if variant.options["kind"] == "taps" else f"{channel} *= 1 +"
             count = variant.options["converters"]
-            return f"{law} tap_k, k = {axis} modulo {count}, 0 where there is none, less their mean"
+            of_all = "0 where there is none, less their mean" if _are_all_seen(variant) else "of those that are seen"
+            return f"{law} tap_k, k = {axis} modulo {count}, {of_all}"
         waves = {"cosine": f"cos(2 pi {axis} / period)", "sine": f"sin(2 pi {axis} / period)"}
         if variant.options["kind"] == "parity":
             waves = {"cosine": f"(-1)^{axis}"}
@@ -178,7 +181,8 @@ class ColumnPattern(Effect):
         channel, column = str(variant.options["channel"]), str(variant.options["temperature"])
         if variant.options["kind"] in {"taps", "gains"}:
             taps = _taps_of(variant, values)
-            seen = [0.0, *(float(x) for name, x in values.items() if name.startswith("tap_"))]
+            seen = [float(x) for name, x in values.items() if name.startswith("tap_")]
+            seen += [0.0] if _are_all_seen(variant) else []
             apart = max(seen) - min(seen)
             size_of = (
                 f"{apart:.3g} {unit_of(channel)}" if variant.options["kind"] == "taps" else f"{100 * apart:.2f} %"
@@ -257,9 +261,19 @@ def _converters_seen(view: View, axis: str, count: int) -> list[int]:
     return [int(k) for k in np.unique(np.rint(place[np.isfinite(place)]) % count)]
 
 
+def _converters_told(view: View, axis: str, count: int) -> list[int]:
+    """Which have a parameter: all but the first, which stands for the level; where not all are seen, each that is."""
+    seen = _converters_seen(view, axis, count)
+    return seen[1:] if len(seen) == count else seen
+
+
 def _taps_of(variant: Variant, values: Values) -> FloatArray:
-    """What each converter adds, the first one that is seen nothing, less the mean of all: that is the level's."""
+    """What each converter adds; where all are seen, less the mean of all: that is the level's."""
     own = {int(name.removeprefix("tap_")): float(x) for name, x in values.items() if name.startswith("tap_")}
     taps = np.zeros(int(str(variant.options["converters"])))
     taps[list(own)] = list(own.values())
-    return taps - sum(own.values()) / (len(own) + 1)
+    return taps - np.mean(taps) if _are_all_seen(variant) else taps
+
+
+def _are_all_seen(variant: Variant) -> bool:
+    return bool(variant.options["seen"] == "all")

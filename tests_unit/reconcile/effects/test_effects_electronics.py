@@ -236,8 +236,19 @@ def test_every_second_column_sees_half_of_the_converters_and_no_parity():
     assert {v.options["kind"] for v in variants} == {"periodic", "taps", "gains"}
     (eight,) = (v for v in variants if v.options["kind"] == "taps" and v.options["converters"] == 8)
     values = fit(view, eight, "signal_counts", {p.name: 1.0 for p in eight.parameters})
-    assert values == pytest.approx({"tap_2": -7.0, "tap_4": -4.0, "tap_6": -1.0}, rel=1e-3)
+    assert values == pytest.approx({"tap_0": 3.0, "tap_2": -4.0, "tap_4": -1.0, "tap_6": 2.0}, rel=1e-3)
     assert left_over(view, corrected(view, eight, **values), "signal_counts") < 1e-3
+
+
+def test_converters_of_which_only_some_are_seen_need_not_sum_to_nothing():
+    column = np.tile(np.arange(0.0, 32.0, 2.0), 20)
+    own = np.array([6.0, -7.0, 2.0, -1.0])[column.astype(int) % 4]  # these sum to nothing, 6 and 2 do not
+    light = np.repeat(np.linspace(200.0, 2000.0, 20), 16)
+    view = table(pixel_u=column, sim_signal_counts=light, signal_counts=light + own)
+    variant = variant_of(view, "readout.column_pattern", kind="taps", converters=4)
+    values = fit(view, variant, "signal_counts", {p.name: 1.0 for p in variant.parameters})
+    np.testing.assert_allclose(corrected(view, variant, **values)["signal_counts"], light + own, atol=1e-6)
+    assert "up to 4 counts" in library()["readout.column_pattern"].sentence(variant, values, view)
 
 
 def test_noise_excess_beyond_a_knee_says_where():

@@ -384,3 +384,27 @@ def test_a_receiver_that_gathers_all_light_sees_the_surface_beside_the_beam_in_i
     state = corrected(view, variant_of(view, "air.multipath", source="side", lit=True), share=0.03, height=0.4)
     assert left_over(view, state, "signal_counts") < 1e-3
     assert left_over(view, state, "distance_m") < 1e-3
+
+
+@pytest.mark.parametrize("end", ["low", "high"])
+def test_a_beam_is_blurred_by_no_more_than_a_law_of_second_order_holds_for(end):
+    u, v = (a.ravel().astype(float) for a in np.meshgrid(np.arange(48), np.arange(6)))
+    angle = 0.75 * (u - 23.5)
+    fine = np.arange(-90.0, 90.0, 0.02)
+
+    def beam(variance):  # of rays of 6 deg, each spread by 8 deg and what the blur adds to that
+        spread = np.exp(-0.5 * np.arange(-60.0, 60.01, 0.02) ** 2 / (64.0 + variance))
+        rays = np.exp(-0.5 * (fine / 6.0) ** 2)
+        return np.interp(angle, fine, np.convolve(rays, spread / spread.sum(), mode="same"))
+
+    columns = plain_table(
+        angle.size, pixel_u=u, pixel_v=v, azimuth_deg=angle, elevation_deg=0.75 * (v - 2.5),
+        sim_signal_counts=1000.0 * beam(0.0),
+    )  # fmt: skip
+    view = View(columns)
+    blur = variant_of(view, "beam.profile_change", kind="blur")
+    along = blur.parameters[0]
+    most = getattr(along, end)
+    values = {p.name: most if p is along else 0.0 for p in blur.parameters}
+    told = corrected(view, blur, **values)["signal_counts"] / view.sim["signal_counts"]
+    np.testing.assert_allclose(told, beam(most) / beam(0.0), rtol=0.16)
