@@ -36,7 +36,7 @@ class ColumnPattern(Effect):
     may be (nearly) the same on all of them, and that is no pattern but the level.
     Period 2 is odd against even (one part only). Of four or eight interleaved converters each has an offset (or gain)
     of its own against the first: X += tap_k, or X *= 1 + tap_k, at pixels k modulo their number; their mean is nil.
-    Where the table holds pixels of some of them only, the mean of these need not be: each has its own from nothing.
+    Where the table holds pixels of some of them only, the mean of these need not be, as far as their spread allows.
     """
 
     id = "readout.column_pattern"
@@ -165,7 +165,9 @@ class ColumnPattern(Effect):
         if variant.options["kind"] in {"taps", "gains"}:
             law = f"{channel} +=" if variant.options["kind"] == "taps" else f"{channel} *= 1 +"
             count = variant.options["converters"]
-            of_all = "0 where there is none, less their mean" if _are_all_seen(variant) else "of those that are seen"
+            of_all = "0 where there is none, less their mean"
+            if not _are_all_seen(variant):
+                of_all = f"of those that are seen, their mean as far as {_FREE_MEAN:g} standard errors of it"
             return f"{law} tap_k, k = {axis} modulo {count}, {of_all}"
         waves = {"cosine": f"cos(2 pi {axis} / period)", "sine": f"sin(2 pi {axis} / period)"}
         if variant.options["kind"] == "parity":
@@ -185,7 +187,7 @@ class ColumnPattern(Effect):
             seen += [0.0] if _are_all_seen(variant) else []
             apart = max(seen) - min(seen)
             size_of = (
-                f"{apart:.3g} {unit_of(channel)}" if variant.options["kind"] == "taps" else f"{100 * apart:.2f} %"
+                f"{apart:.3g} {unit_of(channel)}" if variant.options["kind"] == "taps" else f"{100 * apart:.3g} %"
             )
             side = "Columns" if variant.options["axis"] == "pixel_u" else "Rows"
             return f"{side} read by {len(taps)} converters in turn differ: {channel} by up to {size_of}."
@@ -247,6 +249,8 @@ def _columns_held(view: View, axis: str) -> str:
 
 
 _CONVERTERS = (4, 8)
+_FREE_MEAN = 3.0
+"""Standard errors of the mean of the converters that are seen, by which it may be off that of all."""
 
 
 def _places(view: View, axis: str) -> tuple[FloatArray, IntArray]:
@@ -272,7 +276,13 @@ def _taps_of(variant: Variant, values: Values) -> FloatArray:
     own = {int(name.removeprefix("tap_")): float(x) for name, x in values.items() if name.startswith("tap_")}
     taps = np.zeros(int(str(variant.options["converters"])))
     taps[list(own)] = list(own.values())
-    return taps - np.mean(taps) if _are_all_seen(variant) else taps
+    if _are_all_seen(variant):
+        return taps - np.mean(taps)
+    # of a few drawn from a lot that sums to nothing; more than that is the level's, and no pattern
+    few, mean = len(own), float(np.mean(list(own.values())))
+    free = _FREE_MEAN * float(np.std(list(own.values()), ddof=1)) * np.sqrt((taps.size - few) / (few * taps.size))
+    taps[list(own)] += float(np.clip(mean, -free, free)) - mean
+    return taps
 
 
 def _are_all_seen(variant: Variant) -> bool:

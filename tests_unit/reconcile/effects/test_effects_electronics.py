@@ -251,6 +251,19 @@ def test_converters_of_which_only_some_are_seen_need_not_sum_to_nothing():
     assert "up to 4 counts" in library()["readout.column_pattern"].sentence(variant, values, view)
 
 
+def test_a_level_is_no_pattern_of_the_converters_that_are_seen():
+    column = np.tile(np.array([k for k in range(17) if k % 8 != 7], dtype=float), 20)  # none of the eighth
+    light = np.repeat(np.linspace(200.0, 2000.0, 20), 15)
+    view = table(pixel_u=column, sim_signal_counts=light, signal_counts=light + 5.0 + 0.01 * np.cos(light))
+    (eight,) = (
+        v
+        for v in library()["readout.column_pattern"].variants(view)
+        if v.options["kind"] == "taps" and v.options["converters"] == 8
+    )
+    values = fit(view, eight, "signal_counts", {p.name: 1.0 + 0.1 * k for k, p in enumerate(eight.parameters)})
+    assert left_over(view, corrected(view, eight, **values), "signal_counts") > 0.5
+
+
 def test_noise_excess_beyond_a_knee_says_where():
     warm = np.linspace(-10.0, 85.0, 400)
     view = table(
