@@ -22,7 +22,7 @@ from arl_fixtures.reconcile.region import columns_as_drivers, energy_region
 from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.screen import screen
 from arl_fixtures.reconcile.settling import shortlist
-from arl_fixtures.reconcile.terms import Term, forward
+from arl_fixtures.reconcile.terms import RECORD_TIME, Term, forward
 from arl_fixtures.reconcile.told_apart import is_undecided
 
 if TYPE_CHECKING:
@@ -160,7 +160,7 @@ def pattern_finding(decision: Decision, pattern: Pattern) -> Finding:
     name, levels = next(iter((term.fields or {}).items()))
     parameter = next(p for p in term.variant.parameters if p.name == name)
     sparse = parameter.low >= (parameter.null or 0.0)
-    pixels = [k for k, column in enumerate(parameter.per) if column != "cycle"]
+    pixels = [k for k, column in enumerate(parameter.per) if column not in RECORD_TIME]
     count = len({tuple(key[k] for k in pixels) for key in levels}) if sparse else len(levels)
     size = float(count) if sparse else pattern.size
     spread = 0.0 if sparse else 1.96 * pattern.size * error_of_spread(np.array(list(levels.values())))

@@ -19,6 +19,7 @@ from arl_fixtures.reconcile.followed import condition_of
 from arl_fixtures.reconcile.noise import Whitener, fit_tau
 from arl_fixtures.reconcile.problem import ChannelData, Problem
 from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.silence import deaths, some_dark
 from arl_fixtures.reconcile.terms import Term, default_values, field_keys, forward
 
 PATTERN_GAIN, PATTERN_Z = 6.0, 2.5
@@ -75,17 +76,23 @@ def _fit_pattern(
     view = problem.view
     code, keys = field_keys(parameter.per, view)
     counted = any(channel.name in variant.channels for channel in view.channels(Role.FRACTION))
+    null = parameter.null if parameter.null is not None else 0.0
+    sparse = parameter.low >= null or parameter.high <= null
+    by_light = sparse and not counted and "step" in parameter.per
+    if by_light and not any(
+        some_dark(d, base[d.channel.name][d.use]) for d in problem.data if d.channel.name in variant.channels
+    ):
+        return None
     if len(keys) < FEWEST_LEVELS or view.n < (1 if counted else 2) * len(keys):
         return None
-    null = parameter.null if parameter.null is not None else 0.0
     step = 0.1 * parameter.typical
     uniform = dict.fromkeys(keys, null + step)
     term = Term(effect=effect, variant=variant, values=default_values(variant), fields={parameter.name: uniform})
     moved = forward([*terms, term], view)
     names = [d for d in problem.data if moved[d.channel.name] is not base[d.channel.name]]
     gram, score = np.zeros((2, len(keys))), np.zeros((2, len(keys)))
+    due, lack = np.zeros(len(keys)), np.zeros(len(keys))
     answers = np.full(len(keys), np.inf)
-    sparse = parameter.low >= null or parameter.high <= null
     for d in names:
         if d.channel.role.value == "scatter":
             continue
@@ -96,6 +103,10 @@ def _fit_pattern(
         weight = d.root_weight**2
         if sparse and counted:  # that none of a row's frames had an answer is no wild reading, nor is their light
             weight = 1.0 / (d.stated * d.spread) ** 2
+        if by_light:
+            certain = tangent / (d.stated * d.spread) ** 2
+            due += np.bincount(code[d.use], certain * tangent, minlength=len(keys))
+            lack += np.bincount(code[d.use], certain * residual, minlength=len(keys))
         half = _halves(problem, d, code[d.use])
         for k in (0, 1):
             part = half == k
@@ -114,14 +125,22 @@ def _fit_pattern(
         z = pull / np.sqrt(np.maximum(total, 1e-12))
         right = pull * (1.0 if parameter.low >= null else -1.0) > 0
         estimate = pull / np.maximum(total, 1e-12)
-        seen = good & right & (np.abs(z) > SPARSE_Z)
+        # rows without light are held back as outliers: whether a level has any left is asked of them as they stand
+        sure = lack / np.sqrt(np.maximum(due, 1e-12)) if by_light else z
+        seen = good & right & (np.abs(sure) > SPARSE_Z)
         size_of = np.minimum(np.abs(estimate), np.abs(answers))
         strong = seen & (size_of > (LEAST_ANSWERS if counted else LEAST_LIGHT))
         if not counted and np.sum(seen & (size_of > LEAST_PART)) > 2 * strong.sum():
             return None  # what most of them lose in part is no death: dirt, or another scene
+        chosen = int(strong.sum())
+        if by_light:
+            died = deaths(keys, parameter.per, strong, np.sqrt(due) > SPARSE_Z)
+            if not died.on_the_way:
+                return None
+            strong, chosen = died.gone, died.pixels  # each chose one moment: what follows, it did not
         values[strong] = estimate[strong]
         measured = values
-        gain = float(0.5 * np.sum(z[strong] ** 2) - strong.sum() * np.log(len(keys)))
+        gain = float(0.5 * np.sum(z[strong] ** 2) - chosen * np.log(len(keys)))
         size = float(strong.sum())
         z_half = SPARSE_Z if strong.any() else 0.0
     else:

@@ -155,12 +155,12 @@ def field_on_rows(levels: dict[tuple[str, ...], float], parameter: Parameter, vi
     since: dict[tuple[str, ...], list[tuple[tuple[float, ...], float]]] = {}
     if times and parameter.per[:times] == tuple(name for name in RECORD_TIME if name in parameter.per):
         for key, value in levels.items():
-            since.setdefault(key[times:], []).append((_moment(key[:times]), value))
+            since.setdefault(key[times:], []).append((moment_of(key[:times]), value))
 
     def value_of(key: tuple[str, ...]) -> float:
         if key in levels or key[times:] not in since:
             return levels.get(key, null)
-        now = _moment(key[:times])
+        now = moment_of(key[:times])
         earlier = [(moment, value) for moment, value in since[key[times:]] if moment < now]
         return max(earlier)[1] if earlier else null
 
@@ -168,5 +168,6 @@ def field_on_rows(levels: dict[tuple[str, ...], float], parameter: Parameter, vi
     return np.asarray(by_level[inverse])
 
 
-def _moment(key: tuple[str, ...]) -> tuple[float, ...]:
+def moment_of(key: tuple[str, ...]) -> tuple[float, ...]:
+    """Cycle and step of a level, in order."""
     return tuple(float(part) if part not in ("", "nan") else 0.0 for part in key)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pyarrow as pa
+import pytest
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.reconcile import diagnose
@@ -40,3 +41,47 @@ def test_pixels_that_die_on_the_way_are_counted():
 
 def test_pixels_that_all_live_are_no_finding():
     assert not diagnose(campaign(2, []), effects=KNOWN)[0].findings
+
+
+def sweeps(seed, light_left, *, cycles=1, tails=0.0):
+    """Light of 48 pixels on four stage angles in seven steps of each cycle; `light_left` takes step, cycle, pixel."""
+    rng = np.random.default_rng(seed)
+    cycle, step, angle, pixel = (
+        a.ravel() for a in np.meshgrid(range(cycles), range(7), range(4), range(48), indexing="ij")
+    )
+    light = 700.0 + 90.0 * np.sin(angle + pixel / 5.0)
+    share = light_left(cycle * 7 + step, pixel)
+    sigma = np.sqrt(light)
+    noise = rng.normal(size=light.size) + tails * rng.standard_t(2, size=light.size)
+    numbers = {
+        "step": 1.0 * step, "set_temperature_c": 15.0 * step - 10.0, "stage_angle_deg": 9.0 * angle,
+        "pixel_u": 1.0 * (pixel % 12), "pixel_v": 1.0 * (pixel // 12), "n_frames": np.full(light.size, 10.0),
+        "intensity_counts": np.round(share * light) + sigma * noise / np.sqrt(10.0) * (share > 0.0),
+        "sim_intensity_counts": light, "sim_intensity_counts_std": sigma,
+    }  # fmt: skip
+    if cycles > 1:
+        numbers["cycle"] = 50.0 * cycle
+    return columns_of(pa.table(numbers))
+
+
+@pytest.mark.parametrize("cycles", [1, 6])
+def test_light_alone_tells_of_a_pixel_that_dies_at_a_step(cycles):
+    last = 7 * (cycles - 1)
+    table = sweeps(3, lambda time, pixel: np.where((pixel == 17) & (time >= last + 3), 0.0, 1.0), cycles=cycles)
+    found = diagnose(table, effects=KNOWN)[0].findings
+    assert [f.effect for f in found] == ["detector.dead_pixels"]
+    assert found[0].parameters[0].value == 1
+    assert "step" in found[0].drivers
+    assert found[0].where["pixel_u"] == [5.0]
+    assert found[0].where["pixel_v"] == [1.0]
+
+
+@pytest.mark.parametrize("told", ["a shadow that passes", "a window that dims", "wild frames"])
+def test_light_that_comes_back_or_is_lacking_everywhere_is_no_dead_pixel(told):
+    left = {
+        "a shadow that passes": lambda time, pixel: np.where((pixel == 17) & (time == 3), 0.0, 1.0),
+        "a window that dims": lambda time, pixel: np.where(time >= 5, 0.1, 1.0) + 0.0 * pixel,
+        "wild frames": lambda time, pixel: np.ones(time.size),
+    }[told]
+    found = diagnose(sweeps(4, left, tails=2.0 * (told == "wild frames")), effects=KNOWN)[0].findings
+    assert "detector.dead_pixels" not in [f.effect for f in found]

@@ -25,10 +25,7 @@ class DeadPixels(Effect):
     confusable = ("detector.pixel_response", "optics.window_contamination")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """One, per DUT and pixel; per cycle too where pixels may die on the way.
-
-        Per step as well where the share of answers is measured: it leaves no doubt of a single step, a signal does.
-        """
+        """One, per DUT and pixel; per cycle and per step too where pixels may die on the way."""
         pixels = tuple(name for name in ("pixel_u", "pixel_v") if view.varies(name))
         if not pixels:
             return
@@ -36,7 +33,7 @@ class DeadPixels(Effect):
         lit = signals(view)[:1]
         where = (*(("dut",) if view.labels("dut") else ()), *pixels)
         moments: list[tuple[str, ...]] = [(), *([("cycle",)] if view.varies("cycle") else [])]
-        if given and view.varies("step"):
+        if view.varies("step"):
             moments.append((*(("cycle",) if "cycle" in view.columns.numbers else ()), "step"))
         for moment in moments:
             for channel in given or lit:

@@ -76,12 +76,6 @@ def test_a_pixel_that_died_at_a_step_is_dead_in_later_steps_and_cycles_and_was_n
     np.testing.assert_array_equal(state["valid_fraction"], np.where(gone, 0.0, 1.0))
 
 
-def test_a_signal_alone_does_not_tell_a_single_step():
-    pixel, step = (a.ravel() for a in np.meshgrid(np.arange(4), np.arange(5)))
-    view = table(pixel_u=pixel, step=step, stage_angle_deg=pixel, sim_signal_counts=np.full(20, 500.0))
-    assert {v.options["since"] for v in library()["detector.dead_pixels"].variants(view)} == {"always"}
-
-
 @pytest.mark.parametrize("tails", [6, 100])
 def test_the_interval_of_a_spread_covers_that_of_all_pixels_also_with_heavy_tails(tails):
     rng = np.random.default_rng(tails)
