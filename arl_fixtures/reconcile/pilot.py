@@ -27,6 +27,7 @@ from arl_fixtures.reconcile.lonely import (
 from arl_fixtures.reconcile.noise import less_shared
 from arl_fixtures.reconcile.problem import ChannelData, Problem
 from arl_fixtures.reconcile.roles import BEARING_SIGNS, PIXEL, Role
+from arl_fixtures.reconcile.stated import by_chance
 
 MOST_ROWS = 12_000
 TAIL_Z = 2.5
@@ -165,13 +166,14 @@ class Looker:
         lacks = beside < data.spread / MISFIT
         if lacks:
             data.spread = max(beside, 1.0)
-        alone = distance_alone(z / data.spread, kin)
+        chance = by_chance(self.problem.view, data.channel, data.use)
+        alone = np.where(chance, 0.0, distance_alone(z / data.spread, kin))
         wild = alone > FAR_ALONE
         if np.mean(wild) > MOST_ALONE:
             wild = np.zeros_like(wild)
         data.trust = np.where(wild, (TAIL_Z / np.maximum(alone, TAIL_Z)) ** 2, 1.0)
         beyond = np.minimum(alone, distance_beside(z / data.spread, kin)) if lacks else np.abs(z) / data.spread
-        beyond = np.where(wild, 0.0, beyond)
+        beyond = np.where(wild | chance, 0.0, beyond)
         if np.mean(beyond > 4.0) > TAIL_SHARE:
             far = np.minimum(1.0, FAR_Z / np.maximum(beyond, 1e-9))
             data.trust *= far * np.minimum(1.0, TAIL_Z / np.maximum(beyond, 1e-9))

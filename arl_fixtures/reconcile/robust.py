@@ -19,6 +19,8 @@ LEAST_UNLIMITED = 0.1
 """Share of a change that counts as seen by rows that are not held back, where there is less."""
 SMALLEST = 1e-290
 """Probability from which a number holds it with all its digits."""
+SPARE_PLACES = 1.5
+"""Places beyond its parameters from which what displaces rays must gain: fewer are hit by any that has so many."""
 PRIOR_GROUPS, BARE_GROUPS = 20.0, 2.0
 """Groups on which the noise model's own covariance counts as resting; and where it was only told from the steps."""
 
@@ -47,6 +49,10 @@ def robust_gain(problem: Problem, found: Fit, first: int, gain: float) -> float:
         whole, change = whole - basis @ (basis.T @ whole), change - basis @ (basis.T @ change)
     if float(change @ change) <= 0.0:
         return 0.0
+    if any(term.variant.rough or term.effect.displaces for term in found.terms[first:]):
+        shapes = sum(index >= first for index, _ in found.keys)
+        if _places_won(problem, change, residual) < shapes + SPARE_PLACES:
+            return 0.0
     worst = np.inf
     groups = problem.groups
     for code in (groups.step, groups.frame, groups.angle, groups.pixel, groups.block):
@@ -66,6 +72,17 @@ def robust_gain(problem: Problem, found: Fit, first: int, gain: float) -> float:
         freedom = prior + count - 1.0
         worst = min(worst, _normal_gain(np.sqrt(2.0 * gain / ratio), freedom))
     return gain if not np.isfinite(worst) else worst
+
+
+def _places_won(problem: Problem, change: FloatArray, left: FloatArray) -> float:
+    """From how many places (a pixel at a stage angle) a gain comes, each counting by its part of it.
+
+    A pixel sees the same edge at the same angle in every step: where in the pixel the edge lies is one number that
+    all its rows share. A term of as many parameters as there are such places would hit them all.
+    """
+    place = problem.codes(problem.columns.group("dut", "pixel_u", "pixel_v", "stage_angle_deg"))
+    gain = np.bincount(np.unique(place, return_inverse=True)[1], (change + 2.0 * left) * change)
+    return max(float(gain.sum()), 0.0) ** 2 / max(float(gain @ gain), 1e-300)
 
 
 def _unlimited(problem: Problem, found: Fit, change: FloatArray) -> float:

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import gammaln
+from scipy.stats import binom
 
 from arl_fixtures.reconcile.columns import Channel, FloatArray
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
+
+RARE = 1e-4
+"""Probability below which frames that do or do not return make no such share by chance."""
 
 
 def stated_error(view: View, channel: Channel) -> tuple[FloatArray, bool]:
@@ -38,3 +43,17 @@ def shortfall(frames: FloatArray) -> FloatArray:
     """Mean standard deviation of n Gaussian frames over the true one: c4 = √(2/(n−1)) Γ(n/2) / Γ((n−1)/2)."""
     n = np.maximum(frames, 2.0)
     return np.asarray(np.sqrt(2.0 / (n - 1.0)) * np.exp(gammaln(n / 2.0) - gammaln((n - 1.0) / 2.0)))
+
+
+def by_chance(view: View, channel: Channel, use: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Rows (of `use`) whose share of returns so few frames bring by chance, at the simulation's probability.
+
+    Nearly all frames of most rows return: those that lack one stand far out and yet are no wild readings. Held back,
+    the mean of the others lies above the probability. No row where the channel is no share or frames are not counted.
+    """
+    if channel.role is not Role.FRACTION or not view.has("n_frames"):
+        return np.zeros(len(use), dtype=bool)
+    frames = np.maximum(np.nan_to_num(view.frames()[use], nan=1.0), 1.0)
+    returns = np.round(frames * view.number(channel.name)[use])
+    share = np.clip(view.sim[channel.name][use], 0.0, 1.0)
+    return np.asarray(np.minimum(binom.cdf(returns, frames, share), binom.sf(returns - 1.0, frames, share)) > RARE)

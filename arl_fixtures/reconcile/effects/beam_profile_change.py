@@ -29,7 +29,7 @@ from arl_fixtures.reconcile.effects_illumination import Across, Field, Illuminat
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
-_KINDS = ("width", "edge", "centre")
+_FIXED, _DRIVEN = ("width", "edge", "centre", "blur"), ("width", "spread", "edge", "centre")
 _SHARPENED, _SPREAD = 0.2, 0.4
 """Standard deviations over the half field of view, by which a blur may have shrunk and grown."""
 
@@ -39,6 +39,7 @@ class ProfileChange(LightFactor):
 
     * width: I *= B(az/(1+w_az), el/(1+w_el)) / B(az, el); a change of the power as a whole is the laser's.
       By Arrhenius' law also by ((1+w_az)(1+w_el))^−thinned: what is spread is missing in the middle.
+    * spread: a width of which the power stays the same, so that thinned is 1.
     * edge: I *= exp(−edge_az·|az/edge|^order − edge_el·|el/edge|^order).
     * blur: every ray spread by a Gaussian of variance v, I *= 1 + ½·v_az·B_az,az/B + ½·v_el·B_el,el/B.
     * centre: I *= 1 − centre·exp(−(r/radius)²), r the distance from the axis over the half field of view.
@@ -69,7 +70,7 @@ class ProfileChange(LightFactor):
             highest: list[dict[str, Option]] = [{"grows": rounded(view.span(name)[1])} for name in housing]
             scales += [(d, {**scale, **field_options(view)}) for d, scale in zip(housing, highest, strict=True)]
             for driver, scale in scales:
-                for kind in ("width",) if "grows" in scale else _KINDS if driver else (*_KINDS, "blur"):
+                for kind in ("width",) if "grows" in scale else _DRIVEN if driver else _FIXED:
                     parameters = [amplitude(f"{kind}_{axis.short}", "1", -0.5, 2.0, 0.05) for axis in axes]
                     if kind == "edge":
                         parameters.append(shape("order", "1", 1.5, 8.0, 3.0))
@@ -97,23 +98,23 @@ class ProfileChange(LightFactor):
             return np.ones(view.n)
         x, y = field.places(view)
         driver = str(variant.options["driver"])
-        size = _size(view, variant, values, driver)
-        if variant.options["kind"] == "centre":
+        size, kind = _size(view, variant, values, driver), str(variant.options["kind"])
+        if kind == "centre":
             square = (x / profile.reach_az) ** 2 + (y / profile.reach_el) ** 2
             worn = float(values["centre"]) * np.exp(-square / float(values["radius"]) ** 2)
             return np.asarray(np.maximum(1.0 - worn * size, 0.02))
-        if variant.options["kind"] == "edge":
+        if kind == "edge":
             order = float(values["order"])
             edge_x, edge_y = field.along(values, "edge")
             loss = edge_x * np.abs(x / profile.reach_az) ** order + edge_y * np.abs(y / profile.reach_el) ** order
             return np.asarray(np.exp(np.clip(-loss * size, -4.0, 4.0)))
-        if variant.options["kind"] == "blur":
+        if kind == "blur":
             bends = zip(field.along(values, "blur"), field.curvature(view, channel), strict=True)
             return np.asarray(np.clip(1.0 + size * sum(0.5 * v * bend for v, bend in bends), 0.02, 50.0))
-        wide_x, wide_y = (np.maximum(1.0 + wider * size, 0.3) for wider in field.along(values, "width"))
+        wide_x, wide_y = (np.maximum(1.0 + wider * size, 0.3) for wider in field.along(values, kind))
         stretched = profile.log(x / wide_x, y / wide_y) - field.log_profile(view, channel)
-        if "thinned" in values:
-            stretched = stretched - float(values["thinned"]) * np.log(wide_x * wide_y)
+        thinned = 1.0 if kind == "spread" else float(values.get("thinned", 0.0))
+        stretched = stretched - thinned * np.log(wide_x * wide_y)
         return np.asarray(np.exp(np.clip(stretched, -4.0, 4.0)))
 
     def expression(self, variant: Variant) -> str:
@@ -132,8 +133,10 @@ class ProfileChange(LightFactor):
             return f"{channel} *= exp(-edge_{x} * |{x} / edge|^order - edge_{y} * |{y} / edge|^order){grown}"
         if variant.options["kind"] == "blur":
             return f"{channel} *= 1 + (blur_{x} * d2B/d{x}2 + blur_{y} * d2B/d{y}2) / (2 B){grown}"
-        wide = f"(1 + width_{x}), {y} / (1 + width_{y})"
-        thinned = f" * ((1 + width_{x}) * (1 + width_{y}))^-thinned" if "grows" in variant.options else ""
+        kind = variant.options["kind"]
+        wide = f"(1 + {kind}_{x}), {y} / (1 + {kind}_{y})"
+        power = "-1" if kind == "spread" else "-thinned" if "grows" in variant.options else ""
+        thinned = f" * ((1 + {kind}_{x}) * (1 + {kind}_{y}))^{power}" if power else ""
         return f"{channel} *= B({x} / {wide}) / B({x}, {y}){thinned}{grown}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
@@ -143,7 +146,13 @@ class ProfileChange(LightFactor):
         if driver:
             low, high = view.span(driver)
             when = f" from {low:.4g} to {high:.4g} {unit_of(driver)} of {driver}"
-        kinds = {"width": "width", "edge": "fall-off at its edges", "centre": "middle", "blur": "sharpness"}
+        kinds = {
+            "width": "width",
+            "spread": "width",
+            "edge": "fall-off at its edges",
+            "centre": "middle",
+            "blur": "sharpness",
+        }
         what = kinds[str(variant.options["kind"])]
         return f"The beam's {what} changed{when}: the signal differs {percent(*self.change(variant, values, view))}."
 
