@@ -1,4 +1,4 @@
-"""Edges that few pixels see tell how far these mix two surfaces, but not how the stage swings between them."""
+"""Edges that few pixels see do not tell how the stage swings between them: any swing of three numbers hits three."""
 
 import numpy as np
 import pyarrow as pa
@@ -13,7 +13,7 @@ BOARD_M, WALL_M, HALF_DEG = 1.08, 3.17, 0.43
 
 
 def sweep(seed):
-    """A board before a wall: the centroid of both echoes of pixels half a degree wide, at angles 2.7 degrees apart."""
+    """A board before a wall: both echoes' centroid in pixels 0.9 degrees wide, at angles 2.7 degrees apart."""
     rng = np.random.default_rng(seed)
     step, angle, u = (a.ravel() for a in np.meshgrid(range(7), np.arange(-18.0, 18.1, 2.7), range(10), indexing="ij"))
     azimuth = 2.58 * (u - 4.5)
@@ -38,8 +38,7 @@ def sweep(seed):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_swing_of_the_stage_is_not_named_beside_the_mixture_of_a_few_edges(seed):
+def test_a_swing_of_the_stage_is_not_named_for_the_mixture_of_a_few_edges(seed):
     found = diagnose(sweep(seed), effects=KNOWN)[0].findings
-    assert found
-    assert found[0].effect == "target.edge_mixing"
+    assert found  # a mismatch it is
     assert not any(f.effect.startswith("stage.") for f in found)
