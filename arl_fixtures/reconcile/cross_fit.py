@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.fit import Fit, with_vector
-from arl_fixtures.reconcile.problem import FOLDS, Problem
+from arl_fixtures.reconcile.problem import FOLDS, ChannelData, Problem
+from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.terms import Term, forward
 
 
@@ -30,9 +31,26 @@ def cross_fitted(problem: Problem, best: Fit, patterns: Sequence[Term], final: S
     for k in range(FOLDS):
         state = _without(problem, best, patterns, fold == k, base)
         rows = problem.fold == k
+        for d in problem.data:
+            if d.calibrated:
+                _recalibrate(d, state, base, d.fold != k)
         for name in result:
             result[name][rows] = (state[name] + (final[name] - base[name]))[rows]
     return result
+
+
+def _recalibrate(d: ChannelData, state: State, base: State, seen: NDArray[np.bool_]) -> None:
+    """Let each unit's gain or offset, too, be the one that the seen rows have beside their parameters.
+
+    A displacement towards a target and an offset of the range are nearly the same: each fold has another of either.
+    """
+    name = d.channel.name
+    along = base[name][d.use] if d.channel.role is Role.INTENSITY else np.ones(len(d.use))
+    change, weight = (state[name] - base[name])[d.use], d.root_weight**2 * along * seen
+    power = np.bincount(d.unit, weight * along, minlength=d.units)
+    constant = np.bincount(d.unit, weight * change, minlength=d.units) / np.where(power > 0.0, power, np.inf)
+    state[name] = state[name].copy()
+    state[name][d.use] -= along * constant[d.unit]
 
 
 def _without(problem: Problem, best: Fit, patterns: Sequence[Term], unseen: NDArray[np.bool_], base: State) -> State:

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, signals
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column
+from arl_fixtures.reconcile.effects_planes import directions
 from arl_fixtures.reconcile.roles import HALF_TURN_DEG
 from arl_fixtures.reconcile.view import View
 
@@ -82,8 +83,8 @@ def changes_in_room(
     The light of a plane goes with cos(incidence) / range², which the plane tells: a signal's own slope over rays is
     that of the sensor's profile as well, which turns with it.
     """
-    here = per_view(view, "room rays", lambda: _directions(view, room.sign)[view.rows])
-    there = _directions(view, room.sign, turn=turn, lift=lift)
+    here = per_view(view, "room rays", lambda: directions(view, room.sign)[view.rows])
+    there = directions(view, room.sign, turn=turn, lift=lift)
     found: dict[str, FloatArray] = {}
     for name, slopes in room.slopes.items():
         own, other = slopes[view.rows], room.beyond[name][view.rows]
@@ -106,26 +107,13 @@ def changes_in_room(
     return found
 
 
-def _directions(
-    view: View, sign: float, *, turn: FloatArray | float | None = None, lift: FloatArray | float = 0.0
-) -> FloatArray:
-    """Unit vectors in the room: of every row of the whole table, or of the rows under work where they are turned."""
-    stage = view.columns.numbers["stage_angle_deg"] if view.varies("stage_angle_deg") else np.zeros(view.columns.n)
-    bearing = ray_column(view, "azimuth_deg") + sign * np.nan_to_num(stage)
-    height = ray_column(view, "elevation_deg")
-    if turn is not None:
-        bearing, height = bearing[view.rows] + turn, height[view.rows] + lift
-    az, el = np.radians(bearing), np.radians(height)
-    return np.stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)], axis=1)
-
-
 def _make(view: View, sign: float) -> Room | None:
     table = view.columns
     if not (view.varies("azimuth_deg") and view.varies("elevation_deg") and distances(view)):
         return None
     if (view.varies("pixel_u") or view.varies("pixel_v")) and not _looks_around(view):
         return None
-    everywhere = _directions(view, sign)  # a stage turns rays to where others looked before
+    everywhere = directions(view, sign)  # a stage turns rays to where others looked before
     seen = np.column_stack([table.group("dut"), np.rint(everywhere / _SAME_RAY)])
     code = np.unique(seen, axis=0, return_inverse=True)[1].ravel()
     far = table.numbers[f"sim_{distances(view)[0]}"]

@@ -20,7 +20,8 @@ LEAST_UNLIMITED = 0.1
 SMALLEST = 1e-290
 """Probability from which a number holds it with all its digits."""
 SPARE_PLACES = 1.5
-"""Places beyond its parameters from which what displaces rays must gain: fewer are hit by any that has so many."""
+"""Places beyond its parameters, where it has several, from which what displaces rays must gain: fewer are hit by any
+that has so many."""
 PRIOR_GROUPS, BARE_GROUPS = 20.0, 2.0
 """Groups on which the noise model's own covariance counts as resting; and where it was only told from the steps."""
 
@@ -49,9 +50,10 @@ def robust_gain(problem: Problem, found: Fit, first: int, gain: float) -> float:
         whole, change = whole - basis @ (basis.T @ whole), change - basis @ (basis.T @ change)
     if float(change @ change) <= 0.0:
         return 0.0
-    if any(term.variant.rough or term.effect.displaces for term in found.terms[first:]):
+    scanned = problem.view.varies("stage_angle_deg")
+    if scanned and any(term.variant.rough or term.effect.displaces for term in found.terms[first:]):
         shapes = sum(index >= first for index, _ in found.keys)
-        if _places_won(problem, change, residual) < shapes + SPARE_PLACES:
+        if shapes > 1 and _places_won(problem, change, residual) < shapes + SPARE_PLACES:
             return 0.0
     worst = np.inf
     groups = problem.groups

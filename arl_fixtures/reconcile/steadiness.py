@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from itertools import compress
 
 import numpy as np
+from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
@@ -33,6 +34,8 @@ UNSTEADY_GAIN = 6.0
 in two hundred names."""
 OVERSHADOWING = 1e4
 """Squares by which others change a channel more than a name does, from which a hundredth of theirs is all of it."""
+CALM, LEAST_CALM = 0.02, 0.25
+"""Part of the most that weather changes, up to which a row is free of it, and share of rows that must be."""
 LEAST_IN_UNIT, LEAST_POWER = 0.25, 0.02
 """Least factor of a name in a unit, of those that have a share of what it changes: one with next to none lacks it."""
 
@@ -65,6 +68,10 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
     left = [d.whiten(d.residual(full)) for d in acting]
     if not _moves(looker, term, acting, change, left, place):
         return False
+    quiet = _quiet_rows(terms, term, acting, full, problem)
+    if quiet is not None:
+        change = [c * q for c, q in zip(change, quiet, strict=True)]
+        left = [x * q for x, q in zip(left, quiet, strict=True)]
     for other in terms:
         cell = None
         if other is not term and not driven_by(other) & driven_by(term):
@@ -73,6 +80,27 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
             change = [within_cells(c, cell[d.use]) for c, d in zip(change, acting, strict=True)]
             left = [within_cells(x, cell[d.use]) for x, d in zip(left, acting, strict=True)]
     return _moves(looker, term, acting, change, left, place)
+
+
+def _quiet_rows(
+    terms: Sequence[Term], term: Term, acting: Sequence[ChannelData], full: State, problem: Problem
+) -> list[NDArray[np.bool_]] | None:
+    """Rows on which no weather acts beside a term, by channel; None where there is none, or next to no such row.
+
+    Frost hangs on each day's moisture: what its law leaves on one day and not on the other says nothing of a name
+    that grows from day to day.
+    """
+    weather = [t for t in terms if t.effect.weather and t is not term]
+    if not weather:
+        return None
+    without = forward([t for t in terms if t not in weather], problem.view)
+    quiet = []
+    for d in acting:
+        moved = np.abs(full[d.channel.name] - without[d.channel.name])[d.use]
+        quiet.append(moved <= CALM * float(moved.max()))
+    if not any(np.any(~q) for q in quiet) or sum(map(np.sum, quiet)) < LEAST_CALM * sum(map(len, quiet)):
+        return None
+    return quiet
 
 
 def _overshadowed(d: ChannelData, change: FloatArray, rest: State, problem: Problem) -> bool:

@@ -19,6 +19,7 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
 )
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation
+from arl_fixtures.reconcile.effects_planes import planes, smooth_part
 from arl_fixtures.reconcile.effects_pointing import (
     by_whole_pixels,
     look_from,
@@ -80,9 +81,12 @@ class Eccentricity(Effect):
             edge = per_view(view, ("nearest", name), lambda: _nearest(view, name)) * level
             turn = np.nan_to_num(np.degrees((right * cosine - forward * sine) / np.maximum(edge, 1e-9)))
             closer = np.nan_to_num(np.clip(near / range_, -0.5, 0.5))
+        before = {distance: state[distance] for distance in distances(view)}
         point_elsewhere(view, state, turn=np.clip(turn, -5.0, 5.0))
-        for distance in distances(view):
-            state[distance] = state[distance] - near
+        part, most = _on_planes(variant, view, forward, right)
+        for distance, own in before.items():
+            change = state[distance] - near - own
+            state[distance] = own + smooth_part(view, change, part * own, most * own, turn)
         for channel in signals(view):
             set_light(view, state, channel, state[channel] / (1.0 - closer) ** 2)
 
@@ -135,6 +139,16 @@ def _in_the_room(
     turned = found.sign * np.radians(np.nan_to_num(view.number("stage_angle_deg")))
     c, s = np.cos(turned), np.sin(turned)
     return forward * c - right * s, forward * s + right * c
+
+
+def _on_planes(variant: Variant, view: View, forward: float, right: float) -> tuple[FloatArray, FloatArray]:
+    """Relative change of the range from a displaced point, on the plane that a row sees; and the most it can be."""
+    found = scene(view)
+    slope = planes(view, 1.0 if found is None else found.sign)[view.rows]
+    size = in_mm(1e-3, distances(view)[0])
+    along, across = (size * x for x in _in_the_room(variant, view, forward, right))
+    part = -(slope[:, 0] * along + slope[:, 1] * across)
+    return part, size * float(np.hypot(forward, right)) * np.linalg.norm(slope, axis=1)
 
 
 def _direction(view: View, variant: Variant) -> tuple[FloatArray, FloatArray]:
