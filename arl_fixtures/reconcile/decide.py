@@ -258,9 +258,8 @@ class Decision:
         price = PRICE * sum(len(t.free()) for t in acting)
         named = d.fit_scatter(d.residual(own))[0] - base - price
         # free scatters of pixels or steps hide most of a gain, unless the law changes as much
-        plain = sum(plain_gain(self.problem, self.best.terms, t) for t in acting)
-        lawful = law.correction(self.found.looker.features, bare[d.channel.name])
-        if plain_change(d, lawful) > plain_change(d, own[d.channel.name] - bare[d.channel.name]):
+        plain = plain_change(d, own[d.channel.name] - bare[d.channel.name])
+        if plain_change(d, law.correction(self.found.looker.features, bare[d.channel.name])) > plain:
             plain = 0.0
         edges = lies_where_names_act(self.problem, d, acting, self.terms)
         needed = needed_by_law(named, plain, acting, law.drivers, at_edges=edges)

@@ -76,7 +76,9 @@ def _clock(view: View) -> _Clock | None:
         start = _common_start(table.group("cycle"), group, time, start)
         since = np.nan_to_num(time - np.where(np.isfinite(start), start, 0.0)[group])
         longest = float(since.max())
-        times = np.unique(np.round(since / max(longest, 1e-300), 6)).size
+        if longest <= 0.0:
+            return None  # each cycle was looked at once: there is no history within it
+        times = np.unique(np.round(since / longest, 6)).size
         length = int(np.clip(4 * times, 64, min(_LONGEST, max(64, _CELLS // groups))))
         interval = longest / (length - 1)
         return _Clock(group, since / interval, groups, length, interval, "s" if name == "time_s" else "steps", start)

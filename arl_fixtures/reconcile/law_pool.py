@@ -31,6 +31,7 @@ from arl_fixtures.reconcile.law_basis import (
 from arl_fixtures.reconcile.law_candidates import Candidates
 from arl_fixtures.reconcile.law_crossed import crossed_of
 from arl_fixtures.reconcile.law_pixels import drifts_of
+from arl_fixtures.reconcile.law_waves import best_pair_wave, best_wave
 from arl_fixtures.reconcile.law_work import Candidate, Work
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.roles import PIXEL, Role
@@ -44,14 +45,6 @@ PRICE_MARK, PRICE_ZERO = 2.0, 2.0
 """Further price of a term that holds in one category only, and of saying where one of its factors is zero."""
 UNSHIFTED = frozenset({"is", "ratio", "step", "band", "above", "below", "parity", "one"})
 """Functions whose zero means something."""
-_CELLS = 100_000
-FAR_APART, FAR_BESIDE = 0.9, 0.25
-"""Share of the gaps between a column's levels of which half a wave must be longer; of one over two columns."""
-_FILLED = 0.5
-"""Share of the thirds of a wave's turns in which a column must have levels."""
-MOST_TURNS, ALONE_TURNS = 16.0, 24.0
-"""Turns of a wave over the span of each of two columns, and of one column alone."""
-_FINENESS = 0.125
 ALIKE = 0.98
 """Correlation from which two columns are one for the search of pairs."""
 
@@ -86,11 +79,13 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
             fine = curve_axis(name, values, FINE_KNOTS)
             if fine is not None and len(fine.edges) > KNOTS:
                 bases.append(Basis(axes=(fine,), prior=smooth_prior(fine, FINE), price=PRICE_CURVE + extra))
-            wave = _best_wave(work, name)
+            wave = best_wave(work, name)
             if wave:
-                bases.append(Basis(waves=waves_of(name, wave), price=PRICE_TWO + extra))
-                phase = Axis(column=name, kind="table", at=1.0 / wave, edges=tuple(np.arange(1, 8) / 8.0 / wave))
-                bases.append(Basis(axes=(phase,), prior=np.eye(8), price=PRICE_TWO + 2.0 + extra))
+                bases.append(Basis(waves=waves_of(name, wave.turns), price=PRICE_TWO + extra + wave.price))
+                phase = Axis(
+                    column=name, kind="table", at=1.0 / wave.turns, edges=tuple(np.arange(1, 8) / 8.0 / wave.turns)
+                )
+                bases.append(Basis(axes=(phase,), prior=np.eye(8), price=PRICE_TWO + 2.0 + extra + wave.price))
         ratios = [b for b in bases if _is_ratio(b)]  # alone it is a line
         made = pool.add(b for b in bases if not _is_ratio(b))
         ranked[name] = max((item.gain for item in made), default=0.0)
@@ -198,7 +193,7 @@ def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, l
             one_map, other_map = maps[first], maps[second]
             if one_map and other_map and not (view.is_category(first) or view.is_category(second)):
                 yield map_of(one_map, other_map, price + 2.0)
-                turns = _best_pair_wave(work, first, second)
+                turns = best_pair_wave(work, first, second)
                 if turns is not None:
                     yield Basis(waves=waves_of(first, turns[0], second, turns[1]), price=price + PRICE_PAIR_WAVE)
 
@@ -214,7 +209,7 @@ def _moving(work: Work, names: Sequence[str], orders: Sequence[str]) -> Iterator
         for order in (n for n in orders if n in work.features):
             if place in names and order in names:
                 continue
-            turns = _best_pair_wave(work, place, order)
+            turns = best_pair_wave(work, place, order)
             if turns is not None:
                 price = price_of((place, order)) + PRICE_ONE + PRICE_PRODUCT + PRICE_PAIR_WAVE
                 yield Basis(waves=waves_of(place, turns[0], order, turns[1]), price=price)
@@ -286,97 +281,3 @@ def _varied(ranked: Sequence[Candidate], most: int = 4) -> list[Candidate]:
             kinds.add(kind)
             kept.append(item)
     return kept
-
-
-def _best_wave(work: Work, name: str) -> float | None:
-    """Turns per unit of a column at which the residual swings most, None for columns with few values."""
-    x = work.features[name]
-    good = np.isfinite(x)
-    levels, code = np.unique(x[good], return_inverse=True)
-    if len(levels) < 8 or not good.any():
-        return None
-    span = float(levels[-1] - levels[0])
-    if name == "time_s":  # a pump, a fan: images that follow each other closely tell what steps far apart cannot
-        most = min(_most_turns(levels, FAR_BESIDE), max(_FINENESS * _CELLS / len(levels), ALONE_TURNS))
-    else:
-        most = _told_turns(levels, min(len(levels) / 3.0, ALONE_TURNS, _most_turns(levels)))
-    frequencies: FloatArray = np.arange(0.5, most, _FINENESS, dtype=np.float64) / span
-    direction = work.direction[good]
-    score: FloatArray = np.bincount(code, direction * work.residual[good]).astype(np.float64)
-    weight: FloatArray = np.bincount(code, direction**2).astype(np.float64)
-    return float(frequencies[_strongest(levels, score, weight, frequencies)])
-
-
-def _most_turns(levels: FloatArray, apart: float = FAR_APART) -> float:
-    """Turns over a column up to which its levels lie close enough together; whole numbers are all there are."""
-    if bool(np.all(levels == np.round(levels))):
-        return np.inf
-    gap = float(np.quantile(np.diff(levels), apart))
-    return 0.5 * float(levels[-1] - levels[0]) / gap
-
-
-def _told_turns(levels: FloatArray, most: float) -> float:
-    """Turns up to which a column's levels fill half of the thirds of a turn: fewer cannot tell a wave from another.
-
-    Levels in a few clusters, or on a lattice of every third number, see a short wave as a slow one.
-    """
-    place = (levels - levels[0]) / max(float(levels[-1] - levels[0]), 1e-300)
-    for turns in np.arange(1.0, most, 0.5):
-        cells = int(np.ceil(3.0 * turns))
-        if np.unique(np.minimum((place * cells).astype(np.int64), cells - 1)).size < _FILLED * cells:
-            return float(turns)
-    return most
-
-
-def _strongest(levels: FloatArray, score: FloatArray, weight: FloatArray, frequencies: FloatArray) -> int:
-    """Frequency with the largest drop of the weighted sum of squares, sine and cosine beside a constant."""
-    gains = np.empty(len(frequencies))
-    part = max(1, _CELLS // len(levels))
-    for start in range(0, len(frequencies), part):
-        phase = (2.0 * np.pi) * np.outer(frequencies[start : start + part], levels)
-        wave = [np.ones_like(phase), np.sin(phase), np.cos(phase)]
-        weighed = [w * weight for w in wave]
-        push = np.stack([w @ score for w in wave], axis=1)
-        gram = np.empty((len(phase), 3, 3))
-        for i in range(3):
-            for j in range(i, 3):
-                gram[:, i, j] = gram[:, j, i] = np.einsum("fn,fn->f", weighed[i], wave[j])
-        inverse = np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
-        gains[start : start + part] = np.einsum("fi,fij,fj->f", push, inverse, push)
-    return int(np.argmax(gains))
-
-
-def _best_pair_wave(work: Work, first: str, second: str) -> tuple[float, float] | None:
-    """Turns per unit of two columns at which a wave over both is strongest, from a periodogram of cells."""
-    x, y = work.features[first], work.features[second]
-    good = np.isfinite(x) & np.isfinite(y)
-    cells = []
-    for values in (x[good], y[good]):
-        levels = np.unique(values)
-        if len(levels) < 6:
-            return None
-        if len(levels) > 48:
-            cuts = np.linspace(levels[0], levels[-1], 49)
-            code = np.clip(np.searchsorted(cuts, values, side="right") - 1, 0, 47)
-            cells.append((0.5 * (cuts[1:] + cuts[:-1]), code))
-        else:
-            cells.append((levels, np.searchsorted(levels, values)))
-    (a, code_a), (b, code_b) = cells
-    direction = work.direction[good]
-    flat = code_a * len(b) + code_b
-    score = np.bincount(flat, direction * work.residual[good], minlength=len(a) * len(b)).reshape(len(a), len(b))
-    span_a, span_b = float(a[-1] - a[0]), float(b[-1] - b[0])
-    most_a, most_b = (
-        most if name.endswith(("time_s", "time_s)")) else _told_turns(np.unique(work.features[name][good]), most)
-        for name, most in (
-            (first, min(len(a) / 3.0, MOST_TURNS, _most_turns(a, FAR_BESIDE))),
-            (second, min(MOST_TURNS, _most_turns(b, FAR_BESIDE))),
-        )
-    )  # fmt: skip
-    turns_a = np.arange(0.0, most_a, 0.125) / span_a
-    turns_b = np.arange(-most_b, most_b, 0.125) / span_b
-    power = np.abs(np.exp(2j * np.pi * np.outer(turns_a, a)) @ score @ np.exp(2j * np.pi * np.outer(b, turns_b))) ** 2
-    power[turns_a * span_a < 0.3, :] = 0.0
-    power[:, np.abs(turns_b * span_b) < 0.3] = 0.0
-    i, j = np.unravel_index(int(np.argmax(power)), power.shape)
-    return (float(turns_a[i]), float(turns_b[j])) if power[i, j] > 0 else None

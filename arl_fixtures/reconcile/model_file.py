@@ -22,6 +22,7 @@ from arl_fixtures.reconcile.features import category_id, features_of
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm
 from arl_fixtures.reconcile.readings import smooth_readings
 from arl_fixtures.reconcile.roles import MADE_OF
+from arl_fixtures.reconcile.side_scatter import Side
 from arl_fixtures.reconcile.terms import Term, field_keys, forward
 from arl_fixtures.reconcile.view import View
 from arl_fixtures.yaml_model import FileModel, load_model
@@ -43,6 +44,7 @@ class EffectFile(FileModel):
     options: dict[str, Scalar] = Field(default_factory=dict)
     values: dict[str, float] = Field(default_factory=dict)
     only: dict[str, str] = Field(default_factory=dict)
+    scatters: Side = Side.OWN
     channels: list[str] = Field(default_factory=list)
     drivers: list[str] = Field(default_factory=list)
     fields: dict[str, FieldFile] = Field(default_factory=dict)
@@ -163,7 +165,7 @@ def _effect_file(term: Term) -> EffectFile:
     return EffectFile(
         effect=term.effect.id, options=dict(term.variant.options), values=term.values, fields=fields,
         only={term.unit_column: term.unit} if term.unit else {}, channels=list(term.variant.channels),
-        drivers=list(term.variant.drivers),
+        drivers=list(term.variant.drivers), scatters=term.side,
     )  # fmt: skip
 
 
@@ -207,7 +209,7 @@ def write_model(path: Path, model: ModelFile) -> None:
     yaml = YAML()
     yaml.width = 118
     with path.open("w", encoding="utf-8") as stream:
-        yaml.dump(model.model_dump(by_alias=True), stream)
+        yaml.dump(model.model_dump(mode="json", by_alias=True), stream)
 
 
 def read_model(path: Path) -> ModelFile:
@@ -256,6 +258,7 @@ def terms_of(model: ModelFile, view: View, path: Path) -> list[Term]:
                 fields=fields or None,
                 unit=unit,
                 unit_column=column,
+                side=item.scatters,
             )
         )
     return terms

@@ -228,7 +228,7 @@ class ChannelData:
         self, centred: FloatArray, count: float, level: Level, partial: Whitener, lost: float
     ) -> tuple[float, float]:
         step = next((other for other in self.levels if other.name == "step"), None)
-        known = step is not None and step.declared and level is not step and level.is_crossed(step)
+        known = step is not None and level is not step and level.is_crossed(step)
         if step is not None and (level.name == "frame" or known):
             own = self.scale if self.calibrated and step.scale is not self.scale else None
             centred = beside_steps(centred, step, self.root_weight**2, own, self.unit)

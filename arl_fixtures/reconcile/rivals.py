@@ -10,6 +10,7 @@ from arl_fixtures.reconcile.acceptance import MISFIT_SHARE
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.law_search import search_law
 from arl_fixtures.reconcile.locate import locate
+from arl_fixtures.reconcile.noise import Whitener
 from arl_fixtures.reconcile.patterns import Pattern
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import ChannelData, Problem
@@ -152,23 +153,23 @@ def pictures_beside(terms: Sequence[Term], patterns: Sequence[Pattern]) -> set[s
 
 
 def plain_gain(problem: Problem, terms: Sequence[Term], term: Term) -> float:
-    """Half the drop of the sum of squares that a term brings to independent rows, as counted for a pattern."""
+    """Half the drop of the sum of squares that a term brings to independent rows beside units' constants."""
     others = [t for t in terms if t is not term]
     base, moved = forward(others, problem.view), forward([*others, term], problem.view)
-    total = 0.0
-    for d in problem.data:
-        if moved[d.channel.name] is not base[d.channel.name] and d.channel.role is not Role.SCATTER:
-            change = d.root_weight * d.expect * (moved[d.channel.name] - base[d.channel.name])[d.use]
-            total += 0.5 * float(change @ change)
-    return total
+    return sum(
+        plain_change(d, moved[d.channel.name] - base[d.channel.name])
+        for d in problem.data
+        if moved[d.channel.name] is not base[d.channel.name] and d.channel.role is not Role.SCATTER
+    )
 
 
 def plain_change(d: ChannelData, change: FloatArray) -> float:
-    """Half the squares of a channel's change (of all rows) as independent rows count it, less units' constants."""
+    """Half the squares of a channel's change (of all rows) less units' constants, as rows count it that share no
+    more than is stated."""
     here = d.expect * change[d.use]
     if d.calibrated:
         here = here - d.scale * d.constants(here)[d.unit]
-    return 0.5 * float(np.sum((d.root_weight * here) ** 2))
+    return 0.5 * float(np.sum(Whitener(d.root_weight, d.levels, {})(here) ** 2))
 
 
 def has_other_place(looker: Looker, terms: Sequence[Term], pattern: Pattern) -> bool:

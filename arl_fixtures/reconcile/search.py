@@ -16,7 +16,6 @@ from arl_fixtures.reconcile.acceptance import (
     PATTERN_ODDS,
     PRICE,
     Ranked,
-    acts_alone,
     evidence,
     is_as_good,
     is_misfit,
@@ -32,15 +31,15 @@ from arl_fixtures.reconcile.dead import leave_out_dead
 from arl_fixtures.reconcile.derived_rays import derive_rays
 from arl_fixtures.reconcile.effect import Effect
 from arl_fixtures.reconcile.effects_bench import is_zero_fitted
-from arl_fixtures.reconcile.fit import Fit, finish, fit, hold_back_edges, within_reach
+from arl_fixtures.reconcile.fit import Fit, finish, fit, hold_back_edges
 from arl_fixtures.reconcile.free_constants import constant_z, constants_alone
 from arl_fixtures.reconcile.grouping import find_groups, typical_gaps
 from arl_fixtures.reconcile.own_driver import drives_another_part
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.pixel_calibration import zero_fitted
 from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.ranking import POLISHED, polished, rank
 from arl_fixtures.reconcile.readings import smooth_readings
-from arl_fixtures.reconcile.robust import robust_gain
 from arl_fixtures.reconcile.sampling import draw_rows
 from arl_fixtures.reconcile.screen import Candidate, Screening, Surcharge, all_variants, screen
 from arl_fixtures.reconcile.settling import gains_of, settle, shortlist
@@ -50,7 +49,6 @@ from arl_fixtures.reconcile.two_in_place import SECOND_NAME, pairs, sides
 
 FULL_ROWS = 48_000
 MOST_TERMS = 4
-POLISHED = 6
 CLEAR_CONSTANT = 5.0
 """Standard errors from which a unit's constant is worth explaining."""
 LEVEL_NAME, LEVEL_FURTHER = 0.95, 0.99
@@ -282,7 +280,7 @@ class Search:
         best = chosen
         most = chosen.gain + SECOND_NAME
         for one, other in pairs(single):
-            both = self._polish(base, other.candidate, (*one.fit.terms, other.fit.terms[-1]), rounds=4)
+            both = polished(self.full, base, other.candidate, (*one.fit.terms, other.fit.terms[-1]), rounds=4)
             first = max(self._sure(base, chance, [one, other]), key=lambda r: r.gain, default=None)
             if both.gain > most and first is not None:
                 best, most = first, both.gain
@@ -346,50 +344,9 @@ class Search:
             (k for k, (_, v) in enumerate(self.variants) if v.label == term.variant.label), len(self.variants)
         )
 
-    def _strict(self, found: Fit) -> float:
-        """Likelihood of a fit if pixels and stage angles had no pattern of their own."""
-        return self.full.log_likelihood(found.state, lost=float(len(found.keys)), without=("pixel", "angle"))
-
     def rank(self, base: Fit, candidates: Sequence[Candidate]) -> list[Ranked]:
         """Fit each candidate beside the base's terms, best first."""
-        price = PRICE * len(base.keys)
-        rough: list[tuple[float, Candidate, Fit]] = []
-        base_small = self.small.log_likelihood(forward(base.terms, self.small.view), lost=float(len(base.keys)))
-        for candidate in candidates:
-            trial = self._best_start(base, candidate)
-            gain = trial.log_likelihood - base_small - PRICE * len(trial.keys) + price
-            rough.append((gain, candidate, trial))
-        rough.sort(key=lambda item: -item[0])
-        result = [
-            self._polish(base, candidate, trial.terms, rounds=2 if self.small is self.full else 4)
-            for _, candidate, trial in rough[:POLISHED]
-        ]
-        result.sort(key=lambda r: -r.gain)
-        return result
-
-    def _best_start(self, base: Fit, candidate: Candidate) -> Fit:
-        """Fit with the scatter that steps seem to have, and with less: what is to be explained may pass for it."""
-        terms = (*base.terms, within_reach(self.small, base.terms, candidate.term))
-        best = finish(self.small, fit(self.small, terms, rounds=8))
-        with steps_alike(self.small, forward(base.terms, self.small.view)) as handicap:
-            other = fit(self.small, terms, rounds=8) if handicap > 0.0 else None
-        if other is not None:
-            again = finish(self.small, fit(self.small, other.terms, rounds=0))
-            best = again if again.log_likelihood > best.log_likelihood else best
-        return best
-
-    def _polish(self, base: Fit, candidate: Candidate, terms: tuple[Term, ...], *, rounds: int) -> Ranked:
-        """Fit on the full problem with the group scatters that this candidate leaves, not those that hid it."""
-        kept = [(d, d.tau) for d in self.full.data]
-        self.full.refit_scatter(forward(terms, self.full.view), lost=float(len(base.keys)))
-        polished = finish(self.full, fit(self.full, terms, rounds=rounds))
-        gain = polished.log_likelihood - base.log_likelihood - PRICE * (len(polished.keys) - len(base.keys))
-        strict = gain + self._strict(polished) - polished.log_likelihood + base.log_likelihood - self._strict(base)
-        robust = robust_gain(self.full, polished, len(base.terms), max(gain, strict))
-        for d, tau in kept:
-            d.rebuild(tau)
-        apart = acts_alone(self.full, polished.terms)
-        return Ranked(candidate=candidate, fit=polished, gain=gain, robust=robust, alone=apart)
+        return rank(self.full, self.small, base, candidates)
 
 
 def _simplest(ranked: Ranked) -> tuple[bool, int, float, str]:

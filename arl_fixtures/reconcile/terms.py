@@ -9,6 +9,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.columns import IntArray
 from arl_fixtures.reconcile.effect import Effect, FloatArray, Parameter, State, Variant
+from arl_fixtures.reconcile.side_scatter import Side, with_scatters
 from arl_fixtures.reconcile.view import View
 
 
@@ -23,6 +24,7 @@ class Term:
         unit: label of the only unit (DUT) it acts on; empty for all.
         unit_column: the category column of `unit`.
         fields: name of a field parameter to its values by level key.
+        side: how scatters go along with what the effect does to means.
     """
 
     effect: Effect
@@ -31,6 +33,7 @@ class Term:
     unit: str = ""
     unit_column: str = ""
     fields: dict[str, dict[tuple[str, ...], float]] | None = None
+    side: Side = Side.OWN
 
     @property
     def label(self) -> str:
@@ -59,6 +62,7 @@ class Term:
         values = self.values_on(view)
         with np.errstate(all="ignore"):
             self.effect.apply(self.variant, values, after, view)
+            after = with_scatters(self.side, state, after, view)
         inside = view.selects(self.unit_column, self.unit) if self.unit else None
         for name, old in state.items():
             new = after[name]

@@ -1,0 +1,111 @@
+"""Candidates fitted beside what stands, best first: roughly on a part of the rows, the best of them on all.
+
+An effect takes the scatter of frames along as its law says: light its photon noise, an amplifier its slope. Where the
+table's scatters contradict that, the noise of this sensor comes in elsewhere, and the effect is tried with scatters
+that stay, or that follow the signal otherwise: what frames scatter must not decide of what they are on average.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from arl_fixtures.reconcile.acceptance import PRICE, Ranked, acts_alone
+from arl_fixtures.reconcile.fit import Fit, finish, fit, within_reach
+from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.robust import robust_gain
+from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.screen import Candidate
+from arl_fixtures.reconcile.side_scatter import Side
+from arl_fixtures.reconcile.small_problem import steps_alike
+from arl_fixtures.reconcile.terms import Term, forward
+
+POLISHED = 6
+CONFLICT = 4.0
+"""Log-likelihood that an effect must gain before scatters are taken to move otherwise than its law says."""
+FREED = 8
+"""Rounds of a fit in which scatters no longer hold an effect where they fit."""
+
+
+def rank(full: Problem, small: Problem, base: Fit, candidates: Sequence[Candidate]) -> list[Ranked]:
+    """Fit each candidate beside the base's terms, best first.
+
+    Args:
+        full: all rows at work; small: those on which candidates are compared first.
+        base: what stands.
+        candidates: with their starts.
+    """
+    price = PRICE * len(base.keys)
+    rough: list[tuple[float, Candidate, Fit]] = []
+    before = small.log_likelihood(forward(base.terms, small.view), lost=float(len(base.keys)))
+    for candidate in candidates:
+        trial = _best_start(small, base, candidate)
+        gain = trial.log_likelihood - before - PRICE * len(trial.keys) + price
+        rough.append((gain, candidate, trial))
+    rough.sort(key=lambda item: -item[0])
+    rounds = 2 if small is full else 4
+    result = [_as_scatters_say(full, base, c, trial.terms, rounds) for _, c, trial in rough[:POLISHED]]
+    result.sort(key=lambda r: -r.gain)
+    return result
+
+
+def polished(
+    full: Problem, base: Fit, candidate: Candidate, terms: tuple[Term, ...], *, rounds: int
+) -> Ranked:  # fmt: skip
+    """Fit on the full problem with the group scatters that this candidate leaves, not those that hid it."""
+    kept = [(d, d.tau) for d in full.data]
+    full.refit_scatter(forward(terms, full.view), lost=float(len(base.keys)))
+    found = finish(full, fit(full, terms, rounds=rounds))
+    gain = found.log_likelihood - base.log_likelihood - PRICE * (len(found.keys) - len(base.keys))
+    strict = gain + _strict(full, found) - found.log_likelihood + base.log_likelihood - _strict(full, base)
+    robust = robust_gain(full, found, len(base.terms), max(gain, strict))
+    for d, tau in kept:
+        d.rebuild(tau)
+    apart = acts_alone(full, found.terms)
+    return Ranked(candidate=candidate, fit=found, gain=gain, robust=robust, alone=apart)
+
+
+def _as_scatters_say(
+    full: Problem, base: Fit, candidate: Candidate, terms: tuple[Term, ...], rounds: int
+) -> Ranked:  # fmt: skip
+    """A candidate with the scatters that it takes along, or with others where the table is clearly likelier so."""
+    best = polished(full, base, candidate, terms, rounds=rounds)
+    if not _moves_both(full, base, best):
+        return best
+    least = best.gain + CONFLICT
+    for side in (Side.STILL, Side.LIGHT, Side.GAIN):
+        # from where the means alone would be: the wrong scatters may hold it back
+        again = fit(full, (*terms[:-1], replace(terms[-1], side=side)), rounds=FREED)
+        trial = polished(full, base, candidate, again.terms, rounds=rounds)
+        if trial.gain > max(best.gain, least):
+            best = trial
+        elif side is Side.STILL:
+            break  # what its law says of scatters holds
+    return best
+
+
+def _moves_both(full: Problem, base: Fit, ranked: Ranked) -> bool:
+    """Whether an effect moves means, and scatters on the side."""
+    moved = {
+        d.channel.role is Role.SCATTER
+        for d in full.data
+        if ranked.fit.state[d.channel.name] is not base.state[d.channel.name]
+    }
+    return moved == {True, False}
+
+
+def _strict(full: Problem, found: Fit) -> float:
+    """Likelihood of a fit if pixels and stage angles had no pattern of their own."""
+    return full.log_likelihood(found.state, lost=float(len(found.keys)), without=("pixel", "angle"))
+
+
+def _best_start(small: Problem, base: Fit, candidate: Candidate) -> Fit:
+    """Fit with the scatter that steps seem to have, and with less: what is to be explained may pass for it."""
+    terms = (*base.terms, within_reach(small, base.terms, candidate.term))
+    best = finish(small, fit(small, terms, rounds=8))
+    with steps_alike(small, forward(base.terms, small.view)) as handicap:
+        other = fit(small, terms, rounds=8) if handicap > 0.0 else None
+    if other is not None:
+        again = finish(small, fit(small, other.terms, rounds=0))
+        best = again if again.log_likelihood > best.log_likelihood else best
+    return best
