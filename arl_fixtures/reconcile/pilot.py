@@ -24,7 +24,7 @@ from arl_fixtures.reconcile.lonely import (
     kin_of,
     scatter_beside,
 )
-from arl_fixtures.reconcile.noise import less_shared
+from arl_fixtures.reconcile.noise import Level, less_shared
 from arl_fixtures.reconcile.problem import ChannelData, Problem
 from arl_fixtures.reconcile.roles import BEARING_SIGNS, PIXEL, Role
 from arl_fixtures.reconcile.stated import by_chance
@@ -40,6 +40,8 @@ TAIL_SPREAD = 1.1
 TAIL_DEFICIT = 3.0
 """Deficit of the mean of standard deviations, in their excess variance, that tails like Student's with 4 degrees of
 freedom make where the farthest rows are held back (a median of 10 frames' deviations is 10 % low, its mean 5 %)."""
+LEAST_SHAPE = 1e-3
+"""Share of what a shared error typically makes of a row of its group, below which it makes next to nothing."""
 SAME_FRAMES = 0.2
 """Relative error within which scatters are higher than those of few frames by just what these lack."""
 TAIL_SHARE = 0.004
@@ -154,8 +156,7 @@ class Looker:
         for level in data.levels:
             count = np.bincount(level.code, minlength=level.count)
             if np.median(count[count > 0]) >= 4:
-                part = group_median if level.name in {"pixel", "angle"} else common_part
-                z = z - part(level.code, z, level.count)[level.code]
+                z = z - _shared(level, z, level.scale / data.stated)
         spread = 1.4826 * float(np.median(np.abs(z)))
         data.spread = max(spread, 1.0) if data.stated_known else max(spread, 0.05)
         if len(data.dark):
@@ -180,6 +181,17 @@ class Looker:
             # rows held back still scatter more than their weight says: a sum over many would pass for shared error
             excess = float(np.mean((data.trust * beyond) ** 2) / np.mean(data.trust))
             data.spread *= np.sqrt(max(excess, 1.0))
+
+
+def _shared(level: Level, z: FloatArray, shape: FloatArray) -> FloatArray:
+    """What the rows of each group are off in common, in proportion to what a shared error of 1 makes of each; (n,).
+
+    Where the light of rows differs, one error of their step is many errors of the brightest row and none of the dark.
+    """
+    typical = group_median(level.code, shape, level.count)[level.code]
+    own = np.maximum(shape / np.maximum(typical, 1e-300), LEAST_SHAPE)
+    part = group_median if level.name in {"pixel", "angle"} else common_part
+    return own * part(level.code, z / own, level.count)[level.code]
 
 
 def _allow_for_tails(data: ChannelData, residual: FloatArray) -> None:
