@@ -39,12 +39,37 @@ def _at(found: Scene, view: View, turn: FloatArray | float, lift: FloatArray | f
     seen = _turned(found, view, line, bearing, turn)
     if found.pitch_deg > 0.0 and np.any(lift):
         rows = np.broadcast_to(np.asarray(lift) / found.pitch_deg, bearing.shape)
+        if found.still:
+            return _by_light(view, _lifted(found, view, line, bearing, turn, rows, seen))
         other = np.where(rows > 0.0, found.above[line], found.below[line])
         beyond = _turned(found, view, np.where(other < 0, line, other), bearing, turn)
         share = np.minimum(np.abs(rows), 2.0)
         for name, values in seen.items():
             mixed = values + share * (beyond[name] - values)
             seen[name] = np.where(np.isfinite(mixed), mixed, values)
+    return _by_light(view, seen)
+
+
+def _lifted(
+    found: Scene, view: View, line: IntArray, bearing: FloatArray, turn: FloatArray | float, rows: FloatArray,
+    seen: dict[str, FloatArray],
+) -> dict[str, FloatArray]:  # fmt: skip
+    """What rays see that point higher by a share of image rows: a parabola through three, a line at an end."""
+    sides = [np.where(other < 0, line, other) for other in (found.above[line], found.below[line])]
+    upper, lower = (_turned(found, view, side, bearing, turn) for side in sides)
+    up, down = sides[0] != line, sides[1] != line
+    share, lifted = np.clip(rows, -2.0, 2.0), {}
+    for name, here in seen.items():
+        rise, fall = upper[name] - here, here - lower[name]
+        slope = np.where(up & down, 0.5 * (rise + fall), np.where(up, rise, fall))
+        bend = np.where(up & down, rise - fall, 0.0)
+        mixed = here + share * slope + 0.5 * share**2 * bend
+        lifted[name] = np.where(np.isfinite(mixed), mixed, here)
+    return lifted
+
+
+def _by_light(view: View, seen: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """Distances of curves of light times distance."""
     light = next((seen[name] for name in signals(view) if name in seen), None)
     if light is not None:
         with np.errstate(invalid="ignore", divide="ignore"):

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from arl_fixtures.reconcile.effects_common import distances, per_table, signals
 from arl_fixtures.reconcile.effects_footprint import cells_of, with_edges
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column
+from arl_fixtures.reconcile.effects_still import BEYOND_DEG, scenes_shown, smooth_curves
 from arl_fixtures.reconcile.effects_sweep import bend_of_sweeps
 from arl_fixtures.reconcile.view import View
 
@@ -49,6 +50,7 @@ class Scene:
         patchy: rows of the whole table where pixels of one curve do not agree.
         upright: whether rays of several elevations share the curves and agree: surfaces stand upright.
         sign: +1 where bearing = azimuth + stage angle, −1 where it is azimuth − stage angle.
+        still: whether no stage turns the sensor: curves then go on beyond the image as they end in it.
     """
 
     bearing: FloatArray
@@ -61,6 +63,7 @@ class Scene:
     patchy: NDArray[np.bool_]
     upright: bool
     curves: dict[str, FloatArray]
+    still: bool = False
 
 
 def scene(view: View) -> Scene | None:
@@ -87,10 +90,15 @@ def _make_scene(view: View) -> Scene | None:
     if moving and rays:
         flat |= {name: _likelier(view, name, row, bearing, flat[name], el) for name in signals(view)}
     bearing = bearing - bearing.min()
+    still = rays and not moving
+    if still:
+        bearing = bearing + BEYOND_DEG
     line = _lines(view, bearing) if rays else table.group("dut", "pixel_u", "pixel_v")
-    device = _first_of(line, table.group("dut"))
+    shown = np.zeros(table.n, dtype=np.int64) if moving else scenes_shown(view)
+    line = _combined(line, shown)
+    device = _first_of(line, _combined(table.group("dut"), shown))
     lines = int(line.max()) + 1
-    step = max(_FINEST_DEG, float(bearing.max()) * lines / _CELLS)
+    step = max(_FINEST_DEG, (float(bearing.max()) + BEYOND_DEG * still) * lines / _CELLS)
     height = np.bincount(line, el, lines) / np.maximum(np.bincount(line, minlength=lines), 1)
     across = np.bincount(line, az, lines) / np.maximum(np.bincount(line, minlength=lines), 1)
     above, below, pitch = _stacked(height, across, device)
@@ -98,7 +106,8 @@ def _make_scene(view: View) -> Scene | None:
     weight = next((flat[name] for name in signals(view)), None)
     if weight is not None:  # light and light-weighted range are straight lines across an edge, the range is not
         flat |= {name: _extended(line, bearing, flat[name]) * weight for name in distances(view)}
-    curves = {name: curves_over_bearing(line, bearing / step, values, lines) for name, values in flat.items()}
+    drawn = smooth_curves if still else curves_over_bearing
+    curves = {name: drawn(line, bearing / step, values, lines) for name, values in flat.items()}
     if moving and rays and "pixel_u" in table.numbers:
         curves = with_edges(line, bearing, pixel_width(view), flat, curves, step)
     patchy = np.zeros(table.n, dtype=bool)
@@ -110,7 +119,7 @@ def _make_scene(view: View) -> Scene | None:
             curves = cells.curves(curves, flat, step)
             allowed = np.fmax(_WORSE * np.abs(bend), _ROUGH * np.abs(weight))[cells.rows]
             patchy[cells.rows] = cells.scatter(weight) > allowed
-    return Scene(bearing, line, above, below, pitch, step, sign, patchy, upright, curves)
+    return Scene(bearing, line, above, below, pitch, step, sign, patchy, upright, curves, still)
 
 
 def _flattened(view: View, name: str, el: FloatArray) -> FloatArray:
@@ -261,7 +270,7 @@ def pixel_width(view: View) -> FloatArray:
     return np.asarray(np.abs(slope)[index])
 
 
-def _combined(group: IntArray, part: FloatArray) -> IntArray:
+def _combined(group: IntArray, part: FloatArray | IntArray) -> IntArray:
     code: IntArray = np.unique(group * (int(part.max()) + 1) + part.astype(np.int64), return_inverse=True)[1]
     return code.astype(np.int64)
 

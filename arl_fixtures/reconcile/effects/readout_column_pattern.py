@@ -34,9 +34,9 @@ class ColumnPattern(Effect):
 
     A wave is taken less its mean over the columns that the table holds: on a few columns strewn over the image a wave
     may be (nearly) the same on all of them, and that is no pattern but the level.
-    Period 2 is odd against even (one part only). Of three to sixteen interleaved converters each has an offset (or
-    gain) of its own against the first: X += tap_k, or X *= 1 + tap_k, at pixels k modulo their number; their mean is
-    nil.
+    Period 2 is odd against even (one part only). Of four, six, eight or sixteen interleaved converters each has an
+    offset (or gain) of its own against the first: X += tap_k, or X *= 1 + tap_k, at pixels k modulo their number;
+    their mean is nil.
     Where the table holds pixels of some of them only, the mean of these need not be, as far as their spread allows.
     """
 
@@ -249,7 +249,7 @@ def _columns_held(view: View, axis: str) -> str:
     return per_table(view, ("columns held", axis), make)
 
 
-_CONVERTERS = (3, 4, 5, 6, 8, 16)
+_CONVERTERS = (4, 6, 8, 16)
 _FREE_MEAN = 3.0
 """Standard errors of the mean of the converters that are seen, by which it may be off that of all."""
 

@@ -1,0 +1,87 @@
+"""What a sensor that stands still is shown: one scene all the time, or another one in some images."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import Akima1DInterpolator
+
+from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.effects_common import distances
+from arl_fixtures.reconcile.view import View
+
+BEYOND_DEG = 6.0
+"""How far a curve goes on beyond the image on either side."""
+_ALIKE = 1e-3
+"""Share of a simulated distance by which a pixel's may differ in images of one scene."""
+_FEWEST_BENT = 4
+_DIGITS = 3.0
+"""Distances of a scene are told apart by their logarithm in steps of `_ALIKE` times so many."""
+
+
+def scenes_shown(view: View) -> IntArray:
+    """Code of the scene that each row of the whole table belongs to; all 0 where there is but one.
+
+    A target on a rail, a board that is turned: the same pixel is simulated at another distance. Images (a step of a
+    device and cycle) in which all pixels keep their distances show the same scene. Where a pixel's distance changes
+    within an image nothing is told apart.
+    """
+    table, none = view.columns, np.zeros(view.columns.n, dtype=np.int64)
+    far = distances(view)
+    if not far or "pixel_u" not in table.numbers:
+        return none
+    simulated = table.numbers[f"sim_{far[0]}"]
+    good = np.isfinite(simulated) & (simulated > 0.0)
+    if not good.any():
+        return none
+    log = np.log(np.where(good, simulated, 1.0))
+    pixel, image = table.group("dut", "pixel_u", "pixel_v"), table.group("dut", "cycle", "step")
+    if _apart(pixel, log, good) <= _ALIKE:
+        return none
+    both = np.unique(image * (int(pixel.max()) + 1) + pixel, return_inverse=True)[1]
+    if _apart(both, log, good) > _ALIKE:
+        return none
+    images = int(image.max()) + 1
+    mean = np.bincount(image[good], log[good], images) / np.maximum(np.bincount(image[good], minlength=images), 1)
+    ranked = np.unique(np.rint(mean / (_DIGITS * _ALIKE)).astype(np.int64), return_inverse=True)[1]
+    return np.asarray(ranked[image], dtype=np.int64)
+
+
+def _apart(code: IntArray, values: FloatArray, good: np.ndarray) -> float:
+    """Largest range of values within a group, but for the widest hundredth of the groups."""
+    count = int(code.max()) + 1
+    low, high = np.full(count, np.inf), np.full(count, -np.inf)
+    np.minimum.at(low, code[good], values[good])
+    np.maximum.at(high, code[good], values[good])
+    seen = np.isfinite(low)
+    return float(np.quantile(high[seen] - low[seen], 0.99))
+
+
+def smooth_curves(line: IntArray, place: FloatArray, values: FloatArray, lines: int) -> FloatArray:
+    """Every line's curve on a regular grid, and beyond its ends: Akima's, through the means of equal places.
+
+    A few pixels a row see a wall's range bend; a line from pixel to pixel would not (Akima, J. ACM 17 (1970) 589: no
+    overshoot at edges).
+
+    Args:
+        line: of each row; place: on the grid; values: of each row; lines: their number.
+    """
+    good = np.flatnonzero(np.isfinite(values))
+    beyond = int(np.floor(place.min()))
+    width = int(np.ceil(place.max())) + beyond + 2
+    cell = line[good] * width + np.rint(place[good]).astype(np.int64)
+    count = np.bincount(cell, minlength=lines * width)
+    at, total = np.bincount(cell, place[good], count.size), np.bincount(cell, values[good], count.size)
+    grid, points = np.full((lines, width), np.nan), np.arange(width, dtype=float)
+    for index in range(lines):
+        part = slice(index * width, (index + 1) * width)
+        known = np.flatnonzero(count[part])
+        if known.size == 0:
+            continue
+        x, y = at[part][known] / count[part][known], total[part][known] / count[part][known]
+        if known.size < _FEWEST_BENT:
+            grid[index] = np.interp(points, x, y)
+            continue
+        reach = float(np.median(np.diff(x)))  # one pixel beyond the last
+        inside = np.clip(points, x[0] - reach, x[-1] + reach)
+        grid[index] = Akima1DInterpolator(x, y)(inside, extrapolate=True)
+    return grid
