@@ -1,10 +1,15 @@
 """What is said of a channel's rest that no name explains: functions, else tables where they stand out, else trees."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.law import Law
+from arl_fixtures.reconcile.law_basis import Basis
+from arl_fixtures.reconcile.law_fit import joint, weighed
 from arl_fixtures.reconcile.law_search import add_trees, is_law, search_law
+from arl_fixtures.reconcile.law_work import ALL_ROWS, Work
 from arl_fixtures.reconcile.locate import locate, located_law
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import ChannelData
@@ -36,7 +41,7 @@ def law_of_rest(
     if place is not None and law.law_gain < place.gain / 2.0:
         tables = located_law(looker, data, state)
         if tables.terms:
-            law = tables
+            law = _confirmed(tables, looker, data, state)
         else:  # what every step has anew: it has a place, but no law
             law.drivers = list(dict.fromkeys([*place.columns, *law.drivers]))
             law.gain = max(law.gain, place.gain)
@@ -47,3 +52,18 @@ def law_of_rest(
         law.drivers = law.drivers or left.leading()[:3]
         law.gain = max(law.gain, left.gain)
     return law if law.drivers else None
+
+
+def _confirmed(tables: Law, looker: Looker, data: ChannelData, state: State) -> Law:
+    """Tables that unseen blocks confirm; without them, only by which columns the channel's rest differs."""
+    work = Work(data, state, looker.features, data.tau, ALL_ROWS)
+    bases = [
+        Basis(axes=(replace(place, values=()), *slope), prior=np.eye(replace(place, values=()).count), price=0.0)
+        for place, *slope in (term.axes for term in tables.terms)
+    ]
+    fitted = joint(work, [weighed(work, basis, work.residual) for basis in bases])
+    if fitted.held <= 0.0:
+        tables.terms = []
+    else:
+        tables.confirmed = min(fitted.held / max(fitted.inside, 1e-9), 1.0)
+    return tables

@@ -25,6 +25,8 @@ NEIGHBOURS = ("~edge", "~sweep", "~before", "~frame")
 AT_EDGES = (*NEIGHBOURS, "mixed")
 OF_BEARINGS = PIXEL_COLUMNS | {"stage_angle_deg", "incidence_deg", "surface"}
 """What a name follows that acts at some bearings of a scene more than at others."""
+ORDERS = frozenset({"step", "time_s"})
+"""Columns that tell when something was measured."""
 MIXED_SHARE = 2.0
 """The share for a law of neighbouring rows where the name mixes rows with their neighbours: it says the same."""
 _MEDIAN_OF_SQUARE = 0.4549  # of a standard normal deviate
@@ -111,7 +113,14 @@ def needed_by_law(
     if set(columns) & set(BEARING_SIGNS):
         own = own and bool(known & OF_BEARINGS)
     least = 2.0 * BEATEN_BY if own else BEATEN_BY
+    if any(_follows_order(term) for term in acting) and not ORDERS & set(columns):
+        return named  # what was set in that order says as much
     return named + max(least, share * named, BEATEN_PLAIN * plain)
+
+
+def _follows_order(term: Term) -> bool:
+    """Whether an effect grows with the order of the measurement, which stands for whatever was changed meanwhile."""
+    return bool(ORDERS & {term.variant.options.get("age"), term.variant.options.get("driver")})
 
 
 def _kind_of(column: str) -> str:
