@@ -134,6 +134,14 @@ def age_drivers(view: View) -> tuple[str, ...]:
     return tuple(found[:3])
 
 
+def exposure_column(view: View) -> str:
+    """The varying column that tells for how long the detector gathered charge; none where none does."""
+    names = (
+        n for n in view.covariates() if any(word in n for word in ("exposure", "integration_time", "gate_width"))
+    )
+    return next((n for n in names if unit_of(n) in {"s", "ms", "us", "µs", "ns"}), "")
+
+
 def reference(view: View, column: str) -> float:
     """Value of a driver at which its effect is nil.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator
 
@@ -21,9 +23,9 @@ _DIGITS = 3.0
 def scenes_shown(view: View) -> IntArray:
     """Code of the scene that each row of the whole table belongs to; all 0 where there is but one.
 
-    A target on a rail, a board that is turned: the same pixel is simulated at another distance. Images (a step of a
-    device and cycle) in which all pixels keep their distances show the same scene. Where a pixel's distance changes
-    within an image nothing is told apart.
+    A target on a rail, a board that is turned: the same pixel is simulated at another distance. Images in which all
+    pixels keep their distances show the same scene. Where a pixel's distance changes within what the table tells to
+    be an image, and at each level of every condition, nothing is told apart.
     """
     table, none = view.columns, np.zeros(view.columns.n, dtype=np.int64)
     far = distances(view)
@@ -34,16 +36,30 @@ def scenes_shown(view: View) -> IntArray:
     if not good.any():
         return none
     log = np.log(np.where(good, simulated, 1.0))
-    pixel, image = table.group("dut", "pixel_u", "pixel_v"), table.group("dut", "cycle", "step")
+    pixel = table.group("dut", "pixel_u", "pixel_v")
     if _apart(pixel, log, good) <= _ALIKE:
         return none
-    both = np.unique(image * (int(pixel.max()) + 1) + pixel, return_inverse=True)[1]
-    if _apart(both, log, good) > _ALIKE:
+    scene = next((code for code in _told(view) if _apart(_both(code, pixel), log, good) <= _ALIKE), None)
+    if scene is None:
         return none
-    images = int(image.max()) + 1
-    mean = np.bincount(image[good], log[good], images) / np.maximum(np.bincount(image[good], minlength=images), 1)
+    count = int(scene.max()) + 1
+    mean = np.bincount(scene[good], log[good], count) / np.maximum(np.bincount(scene[good], minlength=count), 1)
     ranked = np.unique(np.rint(mean / (_DIGITS * _ALIKE)).astype(np.int64), return_inverse=True)[1]
-    return np.asarray(ranked[image], dtype=np.int64)
+    return np.asarray(ranked[scene], dtype=np.int64)
+
+
+def _told(view: View) -> Iterator[IntArray]:
+    """What may tell scenes apart: images, else a condition that was set (a stand-off), those of few levels first."""
+    table = view.columns
+    yield table.group(*table.image_columns)
+    images = table.n / max(int(table.group("dut", "pixel_u", "pixel_v").max()) + 1, 1)
+    levels = {name: int(table.group(name).max()) + 1 for name in view.covariates() if not name.startswith("pixel_")}
+    for name in sorted((n for n in levels if 1 < levels[n] <= images), key=lambda n: levels[n]):
+        yield table.group(name)
+
+
+def _both(one: IntArray, other: IntArray) -> IntArray:
+    return np.asarray(np.unique(one * (int(other.max()) + 1) + other, return_inverse=True)[1], dtype=np.int64)
 
 
 def _apart(code: IntArray, values: FloatArray, good: np.ndarray) -> float:

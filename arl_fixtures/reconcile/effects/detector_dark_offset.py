@@ -12,6 +12,7 @@ from arl_fixtures.reconcile.effects_avalanche import bias_column, breakdown, mul
 from arl_fixtures.reconcile.effects_common import (
     above,
     amplitude,
+    exposure_column,
     noise_law,
     rounded,
     shape,
@@ -29,7 +30,7 @@ class DarkOffset(Effect):
 
     Without a temperature in the table the offset is constant. Where the bias of an avalanche detector is swept, also
     as what is multiplied with the light: the more, the nearer the bias V to breakdown, by (1 − V_top²/V_b²) /
-    (1 − V²/V_b²). Where exposures vary, also in proportion to them.
+    (1 − V²/V_b²). Where exposures or an amplifier's gain vary, also in proportion to them.
     """
 
     id = "detector.dark_offset"
@@ -45,10 +46,11 @@ class DarkOffset(Effect):
             view, "tof_temperature_c", "fpga_temperature_c", "housing_temperature_c", limit=2, never=("laser_",)
         )
         bias = bias_column(view)
-        spent = exposure_column(view)
-        for channel, multiplied, exposure in itertools.product(
-            signals(view), ("", bias) if bias else ("",), ("", spent) if spent else ("",)
-        ):
+        spent, amplified = exposure_column(view), _gain_column(view)
+        for channel, multiplied, exposure, gain in itertools.product(
+            signals(view), ("", bias) if bias else ("",), ("", spent) if spent else ("",),
+            ("", amplified) if amplified else ("",),
+        ):  # fmt: skip
             unit, top = unit_of(channel), top_signal(view, channel)
             for column in columns or ("",):
                 parameters = [amplitude("dark", unit, 0.0, 0.5 * top, 0.01 * top)]
@@ -61,6 +63,8 @@ class DarkOffset(Effect):
                     options |= {"bias": multiplied, "highest_bias": view.span(multiplied)[1]}
                 if exposure:
                     options |= {"exposure": exposure, "longest": rounded(view.span(exposure)[1])}
+                if gain:
+                    options |= {"gain": gain, "highest_gain": rounded(view.span(gain)[1])}
                 shot, seen = noise_law(view, channel)[1], with_scatter(view, channel)
                 if len(seen) > 1:  # only a scatter that was measured can tell
                     start = shot if shot > 0.0 else 1e-3 * top
@@ -74,7 +78,7 @@ class DarkOffset(Effect):
                     channels=seen,
                     drivers=(
                         column or exposure or f"sim_{channel}",
-                        *filter(None, (multiplied, column and exposure)),
+                        *filter(None, (multiplied, column and exposure, gain)),
                     ),
                 )
 
@@ -91,6 +95,8 @@ class DarkOffset(Effect):
             added = added * multiplication(bias, at, _ORDER) / most
         if "exposure" in variant.options:
             added = added * view.number(str(variant.options["exposure"])) / float(variant.options["longest"])
+        if "gain" in variant.options:
+            added = added * view.number(str(variant.options["gain"])) / float(variant.options["highest_gain"])
         state[channel] = state[channel] + added
         scatter = f"{channel}_std"
         if scatter in state:
@@ -100,20 +106,15 @@ class DarkOffset(Effect):
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel, column = variant.options["channel"], variant.options["temperature"]
-        if "exposure" in variant.options:
-            grown = f" * 2^(({column} - {variant.options['highest']}) / doubling)" if column else ""
-            grown += f" * {variant.options['exposure']} / {variant.options['longest']}"
-            return f"{channel} += dark{grown}; {channel}_std^2 += shot * added"
+        grown = f" * 2^(({column} - {variant.options['highest']}) / doubling)" if column else ""
+        for factor, most in (("exposure", "longest"), ("gain", "highest_gain")):
+            if factor in variant.options:
+                grown += f" * {variant.options[factor]} / {variant.options[most]}"
+        law = f"{channel} += dark{grown}"
         if "bias" in variant.options:
-            grown = f" * 2^(({column} - {variant.options['highest']}) / doubling)" if column else ""
             gain = f"1 / (1 - ({variant.options['bias']} / breakdown)^2)"
-            return f"{channel} += dark{grown} * {gain}, over that at {variant.options['highest_bias']} V"
-        if not column:
-            return f"{channel} += dark; {channel}_std^2 += shot * dark"
-        return (
-            f"{channel} += dark * 2^(({column} - {variant.options['highest']}) / doubling); {channel}_std^2 += shot "
-            "* added"
-        )
+            law += f" * {gain}, over that at {variant.options['highest_bias']} V"
+        return f"{law}; {channel}_std^2 += shot * added"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Counts at the hottest, doubling."""
@@ -135,12 +136,10 @@ _ORDER = 2.0
 """Of Miller's law for a dark signal, whose shape over the bias tells little beside the breakdown voltage."""
 
 
-def exposure_column(view: View) -> str:
-    """The varying column that tells for how long the detector gathered charge; none where none does."""
-    names = (
-        n for n in view.covariates() if any(word in n for word in ("exposure", "integration_time", "gate_width"))
-    )
-    return next((n for n in names if unit_of(n) in {"s", "ms", "us", "µs", "ns"}), "")
+def _gain_column(view: View) -> str:
+    """The varying column that tells by how much an amplifier multiplies the signal; none where none does."""
+    names = (n for n in view.covariates() if n.startswith("gain") or n.endswith("_gain") or "_gain_" in n)
+    return next((n for n in names if unit_of(n) == "1" and view.span(n)[0] > 0.0), "")
 
 
 def _highest(view: View, column: str) -> float:

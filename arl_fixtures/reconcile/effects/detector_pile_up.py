@@ -11,7 +11,9 @@ from arl_fixtures.reconcile.effect import Effect, Option, Parameter, Stage, Stat
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     amplitude,
+    exposure_column,
     in_mm,
+    per_table,
     rounded,
     set_response,
     shape,
@@ -31,6 +33,7 @@ class PileUp(Effect):
       its dead time anew with every photon (1).
     * pulse: q(x) = (1 − exp(−x)) / x, a detector that fires once a laser pulse, x photons per pulse.
 
+    Where exposures vary, x goes with the light that comes in a second: I over the exposure.
     Where the background's light varies, also with exp(−blocked·b / b_top): what it has fired is blind to the pulse.
 
     early(x, tail): how much earlier than its mean a pulse's first photon comes, in standard deviations. A Gaussian
@@ -57,9 +60,12 @@ class PileUp(Effect):
                 size = per_metre(unit_of(moved[0]))
                 widths.append(shape("width", unit_of(moved[0]), 0.005 * size, 2.0 * size, 0.05 * size))
             tails = [shape("tail", "1", 0.0, 1.0, 0.5)] if moved else []
-            for kind, further in (
-                ("dead time", [shape("paralysis", "1", 0.0, 1.0, 0.0, 0.8), *widths]), ("pulse", [*widths, *tails]),
-                *([("background", [*widths, *tails])] if background else []),
+            recovery = shape("paralysis", "1", 0.0, 1.0, 0.0, 0.8)
+            spent = exposure_column(view)
+            for kind, exposure, further in (
+                ("dead time", "", [recovery, *widths]), ("pulse", "", [*widths, *tails]),
+                *([("background", "", [*widths, *tails])] if background else []),
+                *([("dead time", spent, [recovery, *widths]), ("pulse", spent, [*widths, *tails])] if spent else []),
             ):  # fmt: skip
                 blocked = [amplitude("blocked", "1", 0.0, 20.0, 0.1)] if kind == "background" else []
                 behind: dict[str, Option] = (
@@ -72,19 +78,24 @@ class PileUp(Effect):
                         "distance": moved[0] if moved else "",
                         "top": rounded(top_signal(view, channel)),
                         "kind": kind,
+                        **({"exposure": exposure, "brightest_rate": _top_rate(view, channel, exposure)}
+                           if exposure else {}),
                         **behind,
                     },
                     parameters=(amplitude("load", "1", 0.0, 50.0, 0.2), *blocked, *further),
                     channels=tuple(dict.fromkeys((*moved, *with_scatter(view, channel)))),
-                    drivers=(f"sim_{channel}", *((background,) if blocked else ())),
+                    drivers=(f"sim_{channel}", *filter(None, (exposure, background if blocked else ""))),
                 )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Loses counts, and pulls the distance to the early photons."""
         channel, distance = str(variant.options["channel"]), str(variant.options["distance"])
         light = state[channel]
-        with np.errstate(invalid="ignore"):
-            load = np.clip(float(values["load"]) * light / float(variant.options["top"]), 0.0, 200.0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            rate, most = light, float(variant.options["top"])
+            if "exposure" in variant.options:
+                rate, most = light / view.number(str(variant.options["exposure"])), _brightest(variant)
+            load = np.clip(float(values["load"]) * rate / most, 0.0, 200.0)
         kept = _kept(load, values)
         if "background" in variant.options:
             behind = np.nan_to_num(view.number(str(variant.options["background"]))) / float(
@@ -106,7 +117,10 @@ class PileUp(Effect):
         """The law."""
         channel, distance = variant.options["channel"], variant.options["distance"]
         loss = "(1 - exp(-x)) / x" if _is_pulsed(variant) else "exp(-paralysis * x) / (1 + (1 - paralysis) * x)"
-        text = f"{channel} *= {loss}, x = load * {channel} / {variant.options['top']}"
+        rate, most = f"{channel}", variant.options["top"]
+        if "exposure" in variant.options:
+            rate, most = f"{channel} / {variant.options['exposure']}", variant.options["brightest_rate"]
+        text = f"{channel} *= {loss}, x = load * {rate} / {most}"
         if "background" in variant.options:
             text += f", times exp(-blocked * {variant.options['background']} / {variant.options['brightest']})"
         return f"{text}; {distance} -= width * early(x, tail)" if distance else text
@@ -131,6 +145,21 @@ class PileUp(Effect):
             "back; "
             "look at the histogram's floor before the pulse, which sinks with pile-up."
         )
+
+
+def _top_rate(view: View, channel: str, exposure: str) -> float:
+    """Strongest simulated signal over its exposure but for outliers."""
+
+    def measure() -> float:
+        rate = view.columns.numbers[f"sim_{channel}"] / view.columns.numbers[exposure]
+        finite = rate[np.isfinite(rate)]
+        return rounded(max(float(np.quantile(finite, 0.999)), 1e-300)) if finite.size else 1.0
+
+    return per_table(view, ("top rate", channel, exposure), measure)
+
+
+def _brightest(variant: Variant) -> float:
+    return float(variant.options["brightest_rate"])
 
 
 def _is_pulsed(variant: Variant) -> bool:
