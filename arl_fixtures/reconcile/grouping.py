@@ -232,3 +232,10 @@ def typical_gaps(table: Columns) -> tuple[float, float]:
             gap = GAP_SHARE * float(np.median(steps)) if len(steps) else np.inf
         gaps.append(gap)
     return gaps[0], gaps[1]
+
+
+def folds_of(block: IntArray, folds: int) -> IntArray:
+    """Fold of each row: whole blocks, spread evenly over their order by a fixed stride."""
+    present, inverse = np.unique(block, return_inverse=True)
+    order = (np.arange(len(present)) * 7 + np.arange(len(present)) // folds) % folds
+    return order[inverse].astype(np.int64)

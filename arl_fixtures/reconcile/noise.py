@@ -8,7 +8,8 @@ for the step.
 `Whitener` turns residuals and tangents into independent unit variables: for one grouping the transform x → x − d·(1
 − 1/√(1 + τ²W))·(d·x)/W, with d = √w·g the direction and W = d·d, is the exact inverse square root of 1 + τ² d d';
 nested groupings are exact too (the inner transform first, the outer on the transformed direction), crossed ones
-(pixel, angle) are an approximation that is good when each group is spread thinly over the others.
+(pixel, angle) are an approximation that is good when each group is spread thinly over the others, or where what is
+whitened first is the larger scatter.
 """
 
 from __future__ import annotations
@@ -113,7 +114,7 @@ class Whitener:
 
     Args:
         root_weight: 1 / standard error of each row (0 = row does not count).
-        levels: crossed levels first, then `frame`, then `step`.
+        levels: `frame` before `step`; before or after both the crossed ones (see `by_size`).
         tau: level name to scatter in units of the level's scale.
     """
 
@@ -243,6 +244,36 @@ def beside_steps(
     return less_constants(beside, slope, weight, unit, second=None)
 
 
+CROSSED = ("pixel", "angle")
+"""Levels whose groups each hold rows of many steps."""
+NESTED = ("frame", "step")
+"""Levels of which the groups of the one lie within those of the other."""
+
+
+def by_size(levels: tuple[Level, ...], tau: dict[str, float]) -> tuple[Level, ...]:
+    """Levels in the order in which they are best whitened: those that cross steps first, or steps if they share more.
+
+    Where rows are missing a group of one kind sees more of one of another: what the larger scatter leaves in the sums
+    of the smaller one would pass for it (a stage angle that two steps lack, for how these are off).
+    """
+
+    def size(names: tuple[str, ...]) -> float:
+        scatters = [max(tau.get(v.name, 0.0), v.floor) * float(np.median(v.scale)) for v in levels if v.name in names]
+        return max(scatters, default=0.0)
+
+    crossed = [level for level in levels if level.name in CROSSED]
+    nested = [level for level in levels if level.name in NESTED]
+    rest = [level for level in levels if level.name not in (*CROSSED, *NESTED)]
+    pair = (nested, crossed) if size(NESTED[-1:]) > size(CROSSED) else (crossed, nested)
+    return (*rest, *pair[0], *pair[1])
+
+
+def ordered_like(other: tuple[Level, ...], levels: tuple[Level, ...]) -> tuple[Level, ...]:
+    """Levels in the order of those of another part of the same channel."""
+    place = {level.name: k for k, level in enumerate(other)}
+    return tuple(sorted(levels, key=lambda level: place.get(level.name, -1)))
+
+
 def surprise(tau: float, floor: float, freedom: float) -> float:
     """Log-likelihood that a scatter loses because a study of so many degrees of freedom found the floor instead."""
     if freedom == 0.0 or tau <= floor or floor <= 0.0:
@@ -296,6 +327,12 @@ def unnoticed(scale: FloatArray, stated: FloatArray, group: IntArray) -> FloatAr
     _, code = np.unique(group, return_inverse=True)
     of_a_group = np.bincount(code, (scale / stated) ** 2)
     return np.asarray(scale * UNNOTICED / np.sqrt(np.median(of_a_group)))
+
+
+def scale_of(values: FloatArray) -> FloatArray:
+    """What a relative error of 1 would change, at least a thousandth of the median; 1 where there is no signal."""
+    middle = float(np.median(np.abs(values)))
+    return np.maximum(np.abs(values), 1e-3 * middle) if middle > 0 else np.ones(len(values))
 
 
 def level_of(

@@ -123,6 +123,8 @@ class Looker:
             _allow_for_tails(data, data.residual(state))
             _, tau = data.fit_scatter(data.residual(state))
             data.rebuild(tau)
+            if data.order_levels():
+                data.rebuild(data.fit_scatter(data.residual(state))[1])
             if data.spread < 1.5 and data.trust.min() == 1.0:
                 break
         assert found is not None

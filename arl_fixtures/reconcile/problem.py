@@ -12,15 +12,17 @@ from numpy.typing import NDArray
 from arl_fixtures.reconcile.columns import Channel, Columns, FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.estimated_noise import estimated_error, noise_quantities
-from arl_fixtures.reconcile.grouping import Groups, find_groups
+from arl_fixtures.reconcile.grouping import Groups, find_groups, folds_of
 from arl_fixtures.reconcile.mixed_model import UnitConstants
 from arl_fixtures.reconcile.noise import (
     Level,
     Whitener,
     beside_steps,
+    by_size,
     fit_tau,
     less_constants,
     level_of,
+    scale_of,
     surprise,
     unnoticed,
 )
@@ -37,8 +39,7 @@ ZERO_SHARE = 0.02
 """Standard deviation of a calibrated signal's zero beside an effect, as a share of the median signal."""
 CALIBRATED = (Role.INTENSITY, Role.DISTANCE)
 """Roles whose gain or offset a user calibrates per unit: a constant of theirs carries no finding."""
-_Fitted = tuple[float, dict[str, float], tuple[Level, ...]]
-"""Likelihood and scatters that were fitted, and the levels they belong to."""
+_Fitted = tuple[float, dict[str, float], tuple[Level, ...]]  # likelihood, scatters, and the levels of these
 
 
 @dataclass(slots=True, kw_only=True)
@@ -89,7 +90,7 @@ class ChannelData:
     _inverse: FloatArray = field(init=False)
     _units_share: bool = field(init=False)
     _fitted: dict[object, _Fitted] = field(init=False, default_factory=dict)
-    """By what it was fitted to: rounds of a search, and candidates beside one base, ask the same again."""
+    """By what it was fitted to: the same is asked again and again."""
 
     def __post_init__(self) -> None:
         self._units_share = any(
@@ -160,7 +161,7 @@ class ChannelData:
         return self._constants.errors
 
     def residual(self, state: State) -> FloatArray:
-        """Measured − corrected simulation."""
+        """Measured − corrected."""
         return self.measured - self.expect * state[self.channel.name][self.use]
 
     def follow(self, state: State) -> None:
@@ -168,6 +169,11 @@ class ChannelData:
         if self.channel.role is Role.INTENSITY:
             self.relate_to(scale_of(state[self.channel.name][self.use]))
             self.rebuild(self.tau)
+
+    def order_levels(self) -> bool:
+        """Whiten the larger of crossed scatters first; tells whether that changes the order."""
+        before, self.levels = self.levels, by_size(self.levels, self.tau)
+        return any(a is not b for a, b in zip(before, self.levels, strict=True))
 
     def relate_to(self, scale: FloatArray) -> None:
         """Let gains and what groups share be parts of other values: of two kinds, they would differ by any curve."""
@@ -179,8 +185,8 @@ class ChannelData:
     def free_zero(self) -> None:
         """Let each unit's signal have a zero of its own, beside an effect that the user's calibration did not know.
 
-        A line of gain and zero that was fitted to a recording with the effect in it is off in both once the effect is
-        taken away. The zero carries no evidence then; it is no larger than a few percent of the signal.
+        A line that was fitted to a recording with the effect in it is off in gain and zero once the effect is taken
+        away. The zero carries no evidence then; it is no larger than a few percent of the signal.
         """
         if self.channel.role is Role.INTENSITY:
             self.free_second(ZERO_SHARE * float(np.median(self.scale)), np.ones(len(self.use)))
@@ -211,7 +217,7 @@ class ChannelData:
         """Scatter of one level and its gain of likelihood over the level's floor.
 
         Images are nested in steps: their scatter is what remains beside the mean of their step. So is that of pixels
-        and angles where steps are known to share errors: with rows missing they see more of one than of another.
+        and angles: with rows missing they see more of one step than of another.
         """
         return self._level_scatter(*self._centred(residual), level, partial, lost)
 
@@ -228,8 +234,8 @@ class ChannelData:
         self, centred: FloatArray, count: float, level: Level, partial: Whitener, lost: float
     ) -> tuple[float, float]:
         step = next((other for other in self.levels if other.name == "step"), None)
-        known = step is not None and level is not step and level.is_crossed(step)
-        if step is not None and (level.name == "frame" or known):
+        beside = level.name == "frame" or (level is not step and step is not None and level.is_crossed(step))
+        if step is not None and beside:
             own = self.scale if self.calibrated and step.scale is not self.scale else None
             centred = beside_steps(centred, step, self.root_weight**2, own, self.unit)
             count = float(step.count) if level.name == "frame" else max(count, 1.0)
@@ -261,10 +267,19 @@ class ChannelData:
     def _fit_scatter(
         self, residual: FloatArray, lost: float, without: tuple[str, ...]
     ) -> tuple[float, dict[str, float]]:
+        found = self._fit_in_order(self.levels, residual, lost, without)
+        ordered = by_size(self.levels, found[1])  # another residual's scatters are of other sizes
+        if all(a is b for a, b in zip(ordered, self.levels, strict=True)):
+            return found
+        return max(found, self._fit_in_order(ordered, residual, lost, without), key=lambda fitted: fitted[0])
+
+    def _fit_in_order(
+        self, levels: tuple[Level, ...], residual: FloatArray, lost: float, without: tuple[str, ...]
+    ) -> tuple[float, dict[str, float]]:
         tau: dict[str, float] = {}
         whitener = Whitener(self.root_weight, (), {})
         centred, count = self._centred(residual)
-        for level in self.levels:
+        for level in levels:
             whitener, tau[level.name] = whitener.followed_by(level), level.floor
             if level.name not in without:
                 tau[level.name], _ = self._level_scatter(centred, count, level, whitener, lost)
@@ -377,24 +392,7 @@ class Problem:
         """Marginal likelihood with group scatters at their best for this state."""
         return sum(d.fit_scatter(d.residual(state), lost=lost, without=without)[0] for d in self.data)
 
-    def refit_scatter(self, state: State, *, lost: float = 0.0) -> float:
-        """Set the group scatters to their best for this state; returns the likelihood."""
-        total = 0.0
+    def refit_scatter(self, state: State, *, lost: float = 0.0) -> None:
+        """Set the group scatters to their best for this state."""
         for d in self.data:
-            value, tau = d.fit_scatter(d.residual(state), lost=lost)
-            d.rebuild(tau)
-            total += value
-        return total
-
-
-def scale_of(values: FloatArray) -> FloatArray:
-    """What a relative error of 1 would change, at least a thousandth of the median; 1 where there is no signal."""
-    middle = float(np.median(np.abs(values)))
-    return np.maximum(np.abs(values), 1e-3 * middle) if middle > 0 else np.ones(len(values))
-
-
-def folds_of(block: IntArray, folds: int) -> IntArray:
-    """Fold of each row: whole blocks, spread evenly over their order by a fixed stride."""
-    present, inverse = np.unique(block, return_inverse=True)
-    order = (np.arange(len(present)) * 7 + np.arange(len(present)) // folds) % folds
-    return order[inverse].astype(np.int64)
+            d.rebuild(d.fit_scatter(d.residual(state), lost=lost)[1])

@@ -112,7 +112,7 @@ def needed_by_law(
         own = own and bool(known & PIXEL_COLUMNS)
     if set(columns) & set(BEARING_SIGNS):
         own = own and bool(known & OF_BEARINGS)
-    least = 2.0 * BEATEN_BY if own else BEATEN_BY
+    least, share = (2.0 * BEATEN_BY, max(share, 2.0 * BEATEN_SHARE)) if own else (BEATEN_BY, share)
     if any(_follows_order(term) for term in acting) and not ORDERS & set(columns):
         return named  # what was set in that order says as much
     return named + max(least, share * named, BEATEN_PLAIN * plain)

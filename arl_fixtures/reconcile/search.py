@@ -34,6 +34,7 @@ from arl_fixtures.reconcile.effects_bench import is_zero_fitted
 from arl_fixtures.reconcile.fit import Fit, finish, fit, hold_back_edges
 from arl_fixtures.reconcile.free_constants import constant_z, constants_alone
 from arl_fixtures.reconcile.grouping import find_groups, typical_gaps
+from arl_fixtures.reconcile.noise import ordered_like
 from arl_fixtures.reconcile.own_driver import drives_another_part
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.pixel_calibration import zero_fitted
@@ -167,6 +168,7 @@ class Search:
                 whole = next(d for d in self.full.data if d.channel.name == part.channel.name)
                 place = np.searchsorted(self.full.view.rows[whole.use], self.small.view.rows[part.use])
                 part.trust, part.spread = whole.trust[place], whole.spread
+                part.levels = ordered_like(whole.levels, part.levels)
                 if any(level.name == "unit" for level in whole.levels):
                     part.free_zero()
                 part.relate_to(whole.scale[place])

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from arl_fixtures.reconcile.acceptance import PATTERN_ODDS, PRICE, evidence, is_misfit, is_repeat
 from arl_fixtures.reconcile.fit import Fit, finish, fit
-from arl_fixtures.reconcile.problem import Problem, scale_of
+from arl_fixtures.reconcile.noise import scale_of
+from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.screen import Candidate, screen
 from arl_fixtures.reconcile.terms import Term, forward

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.noise import ordered_like
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.sampling import draw_rows
 
@@ -29,6 +30,7 @@ def small_part(full: Problem) -> Problem:
         whole = next(d for d in full.data if d.channel.name == part.channel.name)
         place = np.searchsorted(full.view.rows[whole.use], small.view.rows[part.use])
         part.trust, part.spread = whole.trust[place], whole.spread
+        part.levels = ordered_like(whole.levels, part.levels)
         part.dark = whole.dark[place] if len(whole.dark) else whole.dark
         if not part.stated_known:
             part.stated = whole.stated[place]
