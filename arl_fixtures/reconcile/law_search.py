@@ -23,6 +23,7 @@ from arl_fixtures.reconcile.law_basis import UNLIKELY, Basis, is_proxy
 from arl_fixtures.reconcile.law_candidates import Candidates
 from arl_fixtures.reconcile.law_evidence import evidence
 from arl_fixtures.reconcile.law_fit import Chosen, confirm, holds_between, joint, weighed
+from arl_fixtures.reconcile.law_harm import harmless
 from arl_fixtures.reconcile.law_pool import (
     PRICE_MARK,
     PRICE_ZERO,
@@ -250,7 +251,11 @@ def _from_start(
     if not chosen.terms:
         return law, chosen
     work = Work(data, state, looker.features, tau, ALL_ROWS)
-    final = confirm(work, [t.basis for t in chosen.terms])
+    sim = state[data.channel.name]
+    final = harmless(
+        work, confirm(work, [t.basis for t in chosen.terms]), data, data.residual(state),
+        lambda terms: data.expect * law_of(terms, data).correction(looker.features, sim)[data.use],
+    )  # fmt: skip
     final.shared = all(work.is_shared(t.basis.columns) for t in chosen.terms)
     return law_of(final, data), final
 
