@@ -10,6 +10,7 @@ import numpy as np
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.direct import FIRST_STEP, loss, refine, secant, undiminished
 from arl_fixtures.reconcile.effect import Parameter, State
+from arl_fixtures.reconcile.effects_surface import mixed_rows
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.terms import Term, beside, forward
 
@@ -220,8 +221,10 @@ def hold_back_edges(problem: Problem, found: Fit) -> None:
 
     Which ray has crossed an edge hangs on the last digits of angles and temperatures. Rows that a fifth more or less
     of a rough term would change, or that it changes much, and that still lie off are its own error: they must not
-    call for another effect.
+    call for another effect. Nor must rows that see two surfaces, of which a term changes one: by which part of the
+    light that does is known from the neighbours only.
     """
+    _hold_back_mixed(problem, found)
     rough = [k for k, term in enumerate(found.terms) if term.effect.displaces or term.variant.rough]
     if not rough:
         return
@@ -240,6 +243,27 @@ def hold_back_edges(problem: Problem, found: Fit) -> None:
         moved = [np.abs(state[name] - found.state[name])[d.use] / error for state in states]
         left = np.abs(d.residual(found.state)) / error
         held = ((moved[0] > MOVED_FAR) | (moved[1] > MOVED) | (moved[2] > MOVED)) & (left > KEPT_Z)
+        if held.any():
+            d.trust = np.where(held, np.minimum(d.trust, (KEPT_Z / np.maximum(left, KEPT_Z)) ** 2), d.trust)
+            d.rebuild(d.tau)
+
+
+OF_SURFACES = {"incidence_deg", "surface", "reflectance"}
+"""Columns by which an effect acts on one of the surfaces that share a pixel."""
+
+
+def _hold_back_mixed(problem: Problem, found: Fit) -> None:
+    """Limit the weight of rows that see several surfaces where terms that act on one of them leave much."""
+    acting = [t for t in found.terms if OF_SURFACES & set(t.variant.drivers)]
+    mixed = mixed_rows(problem.view)
+    if not acting or not mixed.any():
+        return
+    without = forward([t for t in found.terms if t not in acting], problem.view)
+    for d in problem.data:
+        name, error = d.channel.name, d.stated * d.spread
+        moved = np.abs(without[name] - found.state[name])[d.use] / error > MOVED
+        left = np.abs(d.residual(found.state)) / error
+        held = mixed[d.use] & moved & (left > KEPT_Z)
         if held.any():
             d.trust = np.where(held, np.minimum(d.trust, (KEPT_Z / np.maximum(left, KEPT_Z)) ** 2), d.trust)
             d.rebuild(d.tau)

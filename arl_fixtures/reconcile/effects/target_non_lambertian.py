@@ -19,6 +19,7 @@ from arl_fixtures.reconcile.effects_common import (
     shape,
     signals,
 )
+from arl_fixtures.reconcile.effects_oblique import seen_in_mixed
 from arl_fixtures.reconcile.effects_surface import TOGETHER, light_share, surface_names, surfaces_of_a_kind
 from arl_fixtures.reconcile.effects_targets import before, rows_before, target_column
 from arl_fixtures.reconcile.pixel_calibration import calibrated_by_surface
@@ -76,12 +77,18 @@ class NonLambertian(LightFactor):
         bright = _excess(values, *per_view(view, "incidence terms", lambda: _terms(view)))
         if "fitted_over" in variant.options:
             bright = bright - self._mean_on_surfaces(variant, values, view)
-        surface = str(variant.options["surface"])
+        surface, channel = str(variant.options["surface"]), str(variant.options["channel"])
+        names = surface.split(TOGETHER) if surface else []
         if "column" in variant.options:
             bright = bright * before(view, str(variant.options["column"]), surface)
-        elif surface:
-            channel = str(variant.options["channel"])
-            bright = bright * sum(light_share(view, channel, name) for name in surface.split(TOGETHER))
+        elif names:
+            bright = bright * sum(light_share(view, channel, name) for name in names)
+        if not {"column", "fitted_over"} & set(variant.options):
+            at, seen = per_view(view, ("seen in mixed", channel), lambda: seen_in_mixed(view, channel))
+            parts = [seen[name] for name in names or seen if name in seen]
+            known = sum((share for share, _ in parts), np.zeros(at.size))
+            mixed = sum((share * _excess(values, *_terms_of(angle)) for share, angle in parts), np.zeros(at.size))
+            bright[at] = mixed if names else mixed + (1.0 - known) * bright[at]
         return np.maximum(1.0 + bright, 0.02)
 
     def _mean_on_surfaces(self, variant: Variant, values: Values, view: View) -> FloatArray:
