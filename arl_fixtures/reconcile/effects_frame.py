@@ -21,11 +21,11 @@ def has_frames(view: View) -> bool:
     return per_table(view, "has frames", make)
 
 
-def frame_range(view: View, distance: str, channel: str) -> FloatArray:
-    """Signal-weighted mean of the simulated distance over each row's image."""
+def frame_range(view: View, distance: str, channel: str, over: str = "frame") -> FloatArray:
+    """Signal-weighted mean of the simulated distance over each row's image, or over another of `GROUPS`."""
 
     def make() -> FloatArray:
-        code = view.columns.group(*GROUPS["frame"])
+        code = view.columns.group(*GROUPS[over])
         light = view.columns.numbers[f"sim_{channel}"]
         far = view.columns.numbers[f"sim_{distance}"]
         good = np.isfinite(light) & np.isfinite(far) & (light > 0.0)
@@ -34,7 +34,7 @@ def frame_range(view: View, distance: str, channel: str) -> FloatArray:
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.asarray((total / weight)[code][view.rows])
 
-    return per_view(view, ("frame range", distance, channel), make)
+    return per_view(view, ("frame range", distance, channel, over), make)
 
 
 def add_stray_light(

@@ -4,15 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import numpy as np
+
 from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
-from arl_fixtures.reconcile.effects_common import amplitude, light_channels, shape, signals
+from arl_fixtures.reconcile.effects_common import GROUPS, amplitude, light_channels, shape, signals
 from arl_fixtures.reconcile.effects_frame import add_stray_light, frame_range, has_frames, ranged_by
 from arl_fixtures.reconcile.effects_image import whole_image
 from arl_fixtures.reconcile.view import View
 
+_FEW_PIXELS = 400
+"""Pixels of an image, on average, of which the mean is not well known from them."""
+
+
+def _is_strewn(view: View) -> bool:
+    """Whether a stage sweeps an image of which the table holds few pixels, and that cannot be rendered."""
+    if not view.varies("stage_angle_deg") or whole_image(view) is not None:
+        return False
+    images = int(view.columns.group(*GROUPS["frame"]).max()) + 1
+    return view.columns.n < _FEW_PIXELS * images
+
 
 class VeilingGlare(Effect):
-    """I' = (1 − share)·I + share·mean(I of the image); the distance moves towards the image's mean range."""
+    """I' = (1 − share)·I + share·mean(I of the image); the distance moves towards the image's mean range.
+
+    Of an image of which the table holds few pixels, also with the mean over the sweep: as it turns they see what the
+    whole image sees at once.
+    """
 
     id = "optics.veiling_glare"
     stage = Stage.OPTICS
@@ -29,26 +46,31 @@ class VeilingGlare(Effect):
             parameters: tuple[Parameter, ...] = (amplitude("share", "1", 0.0, 0.5, 0.01),)
             if moved:
                 parameters += (shape("pull", "1", 0.0, 1.5, 1.0, 0.0),)
-            yield Variant(
-                effect=self.id,
-                options={"channel": channel},
-                parameters=parameters,
-                channels=tuple(dict.fromkeys((*moved, *light_channels(view, channel)))),
-                drivers=(f"sim_{channel}",),
-            )
+            for over in ({}, *([{"over": "sweep"}] if _is_strewn(view) else [])):
+                yield Variant(
+                    effect=self.id,
+                    options={"channel": channel, **over},
+                    parameters=parameters,
+                    channels=tuple(dict.fromkeys((*moved, *light_channels(view, channel)))),
+                    drivers=(f"sim_{channel}",),
+                )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Adds the mean light of the whole image (as far as it is known) with the image's mean range."""
         channel, share = str(variant.options["channel"]), float(values["share"])
+        over, whole = "frame", whole_image(view)
         mean = view.frame_mean(state, channel)
-        whole = whole_image(view)
+        if "over" in variant.options:
+            over, whole = "step", None
+            now = np.nanmean(state[channel]) / np.nanmean(view.sim[channel])
+            mean = now * view.mean_of_group(f"sim_{channel}", *GROUPS[over])
         add_stray_light(
             view,
             state,
             channel,
             stray=share * (mean if whole is None else mean * whole[0]),
             far={
-                distance: frame_range(view, distance, channel) if whole is None else whole[1][distance]
+                distance: frame_range(view, distance, channel, over) if whole is None else whole[1][distance]
                 for distance in ranged_by(view, channel)
             },
             pull=float(values.get("pull", 0.0)),
@@ -57,9 +79,9 @@ class VeilingGlare(Effect):
 
     def expression(self, variant: Variant) -> str:
         """The law."""
-        channel = variant.options["channel"]
+        channel, over = variant.options["channel"], variant.options.get("over", "image")
         return (
-            f"{channel} = (1 - share) * {channel} + share * mean({channel} of the image); "
+            f"{channel} = (1 - share) * {channel} + share * mean({channel} of the {over}); "
             "distance += pull * (share of stray light) * (mean distance of the image - distance)"
         )
 
