@@ -23,6 +23,8 @@ the log-likelihood of a law of the names' own columns. A law pays for having bee
 benchmarks/concealed the likeliest law was less likely than these, but where they gained some thousands."""
 BEATEN_PATTERN = 12.0
 """By how much a law must do better than a free pattern of pixels."""
+ELSEWHERE = 1.0
+"""Log-likelihood by which another place must be likelier: bins of a radius that hold a pixel each say the same."""
 BEATEN_PLAIN = 0.03
 """Share of what the names explain to independent rows by which a law without physics must at least be better."""
 NEIGHBOURS = ("~edge", "~sweep", "~before", "~frame")
@@ -198,7 +200,7 @@ def has_other_place(looker: Looker, terms: Sequence[Term], pattern: Pattern) -> 
     for d in counted or told:
         if d.channel.role is not Role.SCATTER:
             place = locate(looker, d, state)
-            if place is not None and place.gain > pattern.gain and not set(place.columns) & own:
+            if place is not None and place.gain > pattern.gain + ELSEWHERE and not set(place.columns) & own:
                 return True
     return False
 
