@@ -21,6 +21,7 @@ from arl_fixtures.reconcile.small_problem import steps_alike
 from arl_fixtures.reconcile.terms import Term, forward
 
 POLISHED = 6
+"""Candidates that are fitted on all rows."""
 CONFLICT = 4.0
 """Log-likelihood that an effect must gain before scatters are taken to move otherwise than its law says."""
 FREED = 8
@@ -49,9 +50,7 @@ def rank(full: Problem, small: Problem, base: Fit, candidates: Sequence[Candidat
     return result
 
 
-def polished(
-    full: Problem, base: Fit, candidate: Candidate, terms: tuple[Term, ...], *, rounds: int
-) -> Ranked:  # fmt: skip
+def polished(full: Problem, base: Fit, candidate: Candidate, terms: tuple[Term, ...], *, rounds: int) -> Ranked:
     """Fit on the full problem with the group scatters that this candidate leaves, not those that hid it."""
     kept = [(d, d.tau) for d in full.data]
     full.refit_scatter(forward(terms, full.view), lost=float(len(base.keys)))
@@ -65,9 +64,7 @@ def polished(
     return Ranked(candidate=candidate, fit=found, gain=gain, robust=robust, alone=apart)
 
 
-def _as_scatters_say(
-    full: Problem, base: Fit, candidate: Candidate, terms: tuple[Term, ...], rounds: int
-) -> Ranked:  # fmt: skip
+def _as_scatters_say(full: Problem, base: Fit, candidate: Candidate, terms: tuple[Term, ...], rounds: int) -> Ranked:
     """A candidate with the scatters that it takes along, or with others where the table is clearly likelier so."""
     best = polished(full, base, candidate, terms, rounds=rounds)
     if not _moves_both(full, base, best):

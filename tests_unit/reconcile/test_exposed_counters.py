@@ -10,6 +10,17 @@ from arl_fixtures.reconcile.table import columns_of
 DEAD_S = 20e-9
 
 
+def recorded(settings, channel, plain, seen, sigma, rng):
+    """A table of what was seen beside what was simulated: 25 frames a row, steps that share a thousandth."""
+    steps, rows = int(settings["step"].max()) + 1, len(plain)
+    shared = 1.0 + 1e-3 * rng.normal(size=steps)[settings["step"]]
+    return columns_of(pa.table({
+        **settings, "n_frames": np.full(rows, 25), f"sim_{channel}": plain, f"sim_{channel}_std": sigma,
+        f"sim_{channel}_repeat_std": 1e-3 * plain,
+        channel: seen * shared + sigma / 5.0 * rng.normal(size=rows),
+    }))  # fmt: skip
+
+
 def counted(seed):
     """Photons of a Poisson process with a dead time, counted one by one in a thousandth of each exposure."""
     rng = np.random.default_rng(seed)
@@ -22,14 +33,8 @@ def counted(seed):
         share[rate] = len(waits) / waits.sum() / rate
     plain = rate_hz * exposure_s
     seen = plain * np.array([share[rate] for rate in rate_hz])
-    sigma = np.sqrt(plain + 25.0)
-    return columns_of(pa.table({
-        "step": step, "integration_time_us": 1e6 * exposure_s, "photon_flux": rate_hz / 1e6,
-        "n_frames": np.full(len(step), 20), "sim_signal_counts": plain, "sim_signal_counts_std": sigma,
-        "sim_signal_counts_repeat_std": 1e-3 * plain,
-        "signal_counts": seen * (1.0 + 1e-3 * rng.normal(size=24)[step])
-        + sigma / np.sqrt(20.0) * rng.normal(size=len(step)),
-    }))  # fmt: skip
+    settings = {"step": step, "integration_time_us": 1e6 * exposure_s, "photon_flux": rate_hz / 1e6}
+    return recorded(settings, "signal_counts", plain, seen, np.sqrt(plain + 25.0), rng)
 
 
 def test_pile_up_goes_with_the_photons_of_a_second_not_with_those_of_an_exposure():
@@ -50,14 +55,9 @@ def amplified(seed):
     for _ in range(1000):  # from 55 °C down in steps of 0.045 K: each loses a share of what is left
         dark *= 2.0 ** (-0.045 / 8.0)
     current = light + dark * 2.0 ** ((warm - 10.0) / 8.0)
-    sigma = 3e-4 * gain + 2e-3 * light * gain
-    return columns_of(pa.table({
-        "step": step, "gain_setting": gain, "housing_temperature_c": warm + 0.05 * rng.normal(size=27)[step],
-        "n_frames": np.full(len(step), 30), "sim_signal_v": light * gain, "sim_signal_v_std": sigma,
-        "sim_signal_v_repeat_std": 1e-3 * light * gain,
-        "signal_v": gain * current * (1.0 + 1e-3 * rng.normal(size=27)[step])
-        + sigma / np.sqrt(30.0) * rng.normal(size=len(step)),
-    }))  # fmt: skip
+    read = warm + 0.05 * rng.normal(size=27)[step]
+    settings = {"step": step, "gain_setting": gain, "housing_temperature_c": read}
+    return recorded(settings, "signal_v", light * gain, gain * current, 3e-4 * gain + 2e-3 * light * gain, rng)
 
 
 def test_a_dark_signal_is_amplified_with_the_light():

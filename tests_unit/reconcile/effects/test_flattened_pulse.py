@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
+from operator_tables import table
 from rendered_bench import corrected, variant_of
 from scipy.optimize import least_squares
-from test_effects_light import plain_table
-
-from arl_fixtures.reconcile.view import View
 
 LIGHT_MPS = 299_792_458.0
 
@@ -29,9 +27,7 @@ def received(light, steep, timed_by):
 def test_a_flattened_pulse_is_compression_of_signal_and_distance_together(timed_by, sign):
     light = np.geomspace(20.0, 3000.0, 120)
     signal, moved = received(light, 1.3, timed_by)
-    view = View(plain_table(
-        120, sim_signal_counts=light, signal_counts=signal, sim_distance_m=np.full(120, 2.0), distance_m=2.0 + moved
-    ))  # fmt: skip
+    view = table(sim_signal_counts=light, signal_counts=signal, sim_distance_m=2.0, distance_m=2.0 + moved)
     variant = variant_of(view, "detector.compression", distance="distance_m")
     assert np.sign(moved[-1]) == sign
 
