@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from arl_fixtures.reconcile.roles import Role, may_be_light, role_of, unit_of
+from arl_fixtures.reconcile.roles import Role, is_aside, may_be_light, role_of, unit_of
 
 IMAGE_COLUMNS = ("dut", "cycle", "step", "stage_angle_deg")
 """What tells images apart on a bench with a rotary stage."""
@@ -198,13 +198,16 @@ class Columns:
 
 
 def find_channels(names: set[str]) -> tuple[Channel, ...]:
-    """Every X with a `sim_X` beside it, means before their scatters, in a stable order."""
+    """Every X with a `sim_X` beside it, means before their scatters, in a stable order.
+
+    The first signal is that of the return: light of the background and monitors of the source come after it.
+    """
     measured = {
         name for name in names
         if not name.startswith("sim_") and f"sim_{name}" in names
     }  # fmt: skip
     scatters = {name for name in measured if name.endswith("_std") and f"sim_{name.removesuffix('_std')}" in names}
-    roles = {name: role_of(name, measured) for name in sorted(measured - scatters)}
+    roles = {name: role_of(name, measured) for name in sorted(measured - scatters, key=lambda n: (is_aside(n), n))}
     loaded = any("load" in name for name in names)  # a source of power has one, a reading of light none
     if not loaded and all(role is Role.OTHER for role in roles.values()):
         roles = {name: Role.INTENSITY if may_be_light(name) else role for name, role in roles.items()}

@@ -16,7 +16,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.law import OF_LABELS, Axis, Features
-from arl_fixtures.reconcile.roles import BEARING_SIGNS, counts_visits, unit_of
+from arl_fixtures.reconcile.roles import BEARING_SIGNS, PIXEL_COLUMNS, counts_visits, unit_of
 
 KNOTS, MAP_KNOTS = 12, 6
 FINE_KNOTS = 24
@@ -26,11 +26,17 @@ SMOOTH, FINE = (0.4, 0.12), 0.05
 MAP_SMOOTH = 0.4
 _BESIDE = 0.25
 """Width of a label's own bin on either side of its number."""
+DECADES = 30.0
+"""Ratio of a column's ends from which its values may lie by ratios."""
 PERIODS = (2, 3, 4, 6, 8, 16)
 MOST_LEVELS = 40
 PRICE_ONE, PRICE_TWO, PRICE_CURVE, PRICE_PRODUCT = 6.0, 9.0, 7.0, 3.0
 """Log-likelihood that a term must earn for having been chosen: one function, a wave, a curve, each factor more."""
 UNLIKELY = {"time_s": 4.0, "step": 4.0, "set_temperature_c": 1.0, "~within(time_s)": 3.0}
+WAVING = frozenset({
+    "m", "mm", "cm", "km", "um", "nm", "deg", "rad", "s", "ms", "us", "ns", "ps", "min", "h", "°C", "K", "A", "mA",
+})  # fmt: skip
+"""Units of a path, an angle, a time or what tunes a laser: the phase of a wave follows these."""
 FAR_FETCHED, OPERATING = 4.0, 1.5
 """Further price of columns that tell of unseen conditions less than a physical one that fits as well."""
 
@@ -155,7 +161,9 @@ def curve_axis(name: str, values: FloatArray, knots: int) -> Axis | None:
     else:
         even = np.linspace(0.0, 1.0, knots)
         by_rank = np.quantile(finite, even)
-        places = np.unique(0.5 * (by_rank + by_rank[0] + (by_rank[-1] - by_rank[0]) * even))
+        low, high = by_rank[0], by_rank[-1]
+        places = low * (high / low) ** even if is_geometric(by_rank) else low + (high - low) * even
+        places = np.unique(0.5 * (by_rank + places))
     if len(places) < 4 or not np.all(np.diff(places) > 0):
         return None
     return Axis(
@@ -164,9 +172,19 @@ def curve_axis(name: str, values: FloatArray, knots: int) -> Axis | None:
     )  # fmt: skip
 
 
+def is_geometric(places: FloatArray) -> bool:
+    """Whether ordered places lie by ratios, over decades: exposures, attenuations, currents."""
+    low, high, middle = float(places[0]), float(places[-1]), float(np.median(places))
+    if low <= 0.0 or high < DECADES * low:
+        return False
+    return abs(middle - math.sqrt(low * high)) < abs(middle - 0.5 * (low + high))
+
+
 def smooth_prior(axis: Axis, length: float) -> FloatArray:
     """Covariance of a curve's knots: a Gaussian kernel over a share of the range."""
-    place = (np.asarray(axis.edges) - axis.edges[0]) / (axis.edges[-1] - axis.edges[0])
+    edges = np.asarray(axis.edges)
+    place = np.log(edges) if is_geometric(edges) else edges
+    place = (place - place[0]) / (place[-1] - place[0])
     gap = place[:, None] - place[None, :]
     return np.asarray(np.exp(-0.5 * (gap / length) ** 2) + 1e-4 * np.eye(len(place)))
 
@@ -239,6 +257,17 @@ def is_proxy(column: str) -> bool:
     """Whether a column goes along with what drives an effect rather than drives it: an order, or the simulation."""
     derived = column.startswith(("~", "sim_")) and column not in BEARING_SIGNS
     return column in UNLIKELY or derived
+
+
+def is_order(column: str) -> bool:
+    """Whether a column tells when something was measured: whatever was changed meanwhile goes along with it."""
+    return column in {"time_s", "step", "~within(time_s)"} or counts_visits(column)
+
+
+def moves_waves(column: str) -> bool:
+    """Whether fringes may lie along a column, or move with it: a place, an angle, a time, heat, a current."""
+    place = column in PIXEL_COLUMNS or column.startswith("~bearing")
+    return place or unit_of(column) in WAVING or column == "~within(time_s)"
 
 
 def price_of(columns: tuple[str, ...]) -> float:

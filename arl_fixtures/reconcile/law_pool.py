@@ -22,7 +22,9 @@ from arl_fixtures.reconcile.law_basis import (
     Basis,
     curve_axis,
     curves_of,
+    is_proxy,
     map_of,
+    moves_waves,
     price_of,
     smooth_prior,
     tables_of,
@@ -40,7 +42,7 @@ MOST_LEADING = 7
 SHARED_PRICE, PRICE_PAIR_WAVE = 3.0, 7.0
 IMAGE, ORDERS = ("pixel_u", "pixel_v"), ("step", "time_s", "cycle", "stage_angle_deg")
 """Columns over which a pattern stands in the image, and over which it may move."""
-MOST_MARKS, MOST_REFINED = 20, 10
+MOST_MARKS, MOST_REFINED, FEW_SETTINGS = 20, 10, 4
 PRICE_MARK, PRICE_ZERO = 2.0, 2.0
 """Further price of a term that holds in one category only, and of saying where one of its factors is zero."""
 UNSHIFTED = frozenset({"is", "ratio", "step", "band", "above", "below", "parity", "one"})
@@ -193,7 +195,7 @@ def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, l
             one_map, other_map = maps[first], maps[second]
             if one_map and other_map and not (view.is_category(first) or view.is_category(second)):
                 yield map_of(one_map, other_map, price + 2.0)
-                turns = best_pair_wave(work, first, second)
+                turns = best_pair_wave(work, first, second) if moves_waves(first) and moves_waves(second) else None
                 if turns is not None:
                     yield Basis(waves=waves_of(first, turns[0], second, turns[1]), price=price + PRICE_PAIR_WAVE)
 
@@ -222,9 +224,10 @@ def is_mark(factor: Axis, work: Work) -> bool:
 
 
 def marks_of(looker: Looker) -> list[Axis]:
-    """Functions that are 0 but in one category, or at one of the two levels of a column."""
+    """Functions that are 0 but in one category, or at one of the few levels of a column."""
     view = looker.problem.view
     marks: list[Axis] = []
+    few: list[Axis] = []
     for name, values in looker.features.items():
         if name.startswith(("~", "sim_")):
             continue
@@ -235,7 +238,9 @@ def marks_of(looker: Looker) -> list[Axis]:
         if len(levels) == 2:
             width = float(levels[1] - levels[0])
             marks += [Axis(column=name, kind="linear", middle=float(x), width=width) for x in levels]
-    return marks[:MOST_MARKS]
+        elif 2 < len(levels) <= FEW_SETTINGS and not is_proxy(name):
+            few += [Axis(column=name, kind="is", at=float(x), label=f"{x:g}") for x in levels]  # gains, exposures
+    return [*marks, *few][:MOST_MARKS]
 
 
 def _refined(work: Work, looker: Looker, pool: Sequence[Candidate]) -> Iterator[Basis]:
@@ -245,12 +250,15 @@ def _refined(work: Work, looker: Looker, pool: Sequence[Candidate]) -> Iterator[
     """
     marks = marks_of(looker)
     kinds: set[tuple[str, ...]] = set()
+    room = {True: MOST_REFINED, False: MOST_REFINED}  # what goes along with all that was set must not leave none
     for item in sorted(pool, key=lambda item: -item.gain):
         basis = item.basis
         kind = (*sorted(basis.columns), "wave" if basis.waves else "open" if basis.prior is not None else "")
-        if not basis.columns or kind in kinds or len(item.vectors) > KNOTS:
+        stands_for = any(is_proxy(column) for column in basis.columns)
+        if not basis.columns or kind in kinds or len(item.vectors) > KNOTS or not room[stands_for]:
             continue
         kinds.add(kind)
+        room[stands_for] -= 1
         yield from _zeroed(basis)
         if not any(is_mark(axis, work) for axis in basis.axes):
             for mark in marks:
@@ -258,8 +266,6 @@ def _refined(work: Work, looker: Looker, pool: Sequence[Candidate]) -> Iterator[
                     waves = tuple((*product, mark) for product in basis.waves)
                     axes = basis.axes if waves else (*basis.axes, mark)
                     yield replace(basis, axes=axes, waves=waves, price=basis.price + PRICE_MARK)
-        if len(kinds) == MOST_REFINED:
-            return
 
 
 def _zeroed(basis: Basis) -> Iterator[Basis]:

@@ -19,7 +19,7 @@ from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.grouping import WITHIN_IMAGES
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm, axes_of
-from arl_fixtures.reconcile.law_basis import UNLIKELY, Basis, is_proxy
+from arl_fixtures.reconcile.law_basis import Basis, is_order, is_proxy
 from arl_fixtures.reconcile.law_candidates import Candidates
 from arl_fixtures.reconcile.law_evidence import evidence
 from arl_fixtures.reconcile.law_fit import Chosen, confirm, holds_between, joint, weighed
@@ -39,7 +39,7 @@ from arl_fixtures.reconcile.law_work import ALL_ROWS, MOST_ROWS, Candidate, Work
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.robust import LEAST_TAIL, log_beta
-from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.roles import Role, role_of
 
 MOST_TERMS = 5
 MOST_PASSES = 3
@@ -52,6 +52,8 @@ START_GAIN = 3.0
 """Log-likelihood by which a further start must do better."""
 CLOSE, CLOSE_SHARE = 2.0, 0.03
 """Of candidates that differ by less (log-likelihood, or share of the best) the simplest is taken."""
+STANDS_FOR_ALL = 4
+"""How many functions more a law must ask to be believed before an order of the measurement is the simpler one."""
 LEAST_GAIN, FURTHER_GAIN, FURTHER_SHARE = 1.0, 4.0, 0.01
 """Log-likelihood that the first term and further ones must gain on unseen blocks, and its share of what is gained."""
 MOST_JUDGED = 16
@@ -96,7 +98,7 @@ def find_terms(work: Work, pool: Candidates, whole: Work | None = None) -> Chose
         pool: candidates.
         whole: the rows on which they are judged and fitted, if these are more.
     """
-    whole = whole or work
+    whole, own = whole or work, f"sim_{work.data.channel.name}"
     chosen, left = Chosen(left=whole.residual), work.residual
     judged = _Judged(work, whole, pool)
     ranked: list[int] = []
@@ -109,7 +111,7 @@ def find_terms(work: Work, pool: Candidates, whole: Work | None = None) -> Chose
         best = max(offers)[0]
         near = [k for gain, k in offers if gain > best - max(CLOSE, CLOSE_SHARE * best)]
         accepted, between = None, False
-        for k in sorted(near, key=lambda k: (_complexity(pool.items[k].basis), -judged.items[k].gain))[:4]:
+        for k in sorted(near, key=lambda k: (_complexity(pool.items[k].basis, own), -judged.items[k].gain))[:4]:
             judged.tried.add(k)
             trial = joint(whole, [*chosen.terms, judged.items[k]])
             further = max(FURTHER_GAIN, FURTHER_SHARE * chosen.held) if chosen.terms else LEAST_GAIN
@@ -159,14 +161,27 @@ class _Judged:
         return [offer for offer in offers if offer[0] > least]
 
 
-def _complexity(basis: Basis) -> int:
-    """How much a term asks to be believed: functions, factors, and columns that only stand for a physical one."""
-    proxies = sum(2 if c in UNLIKELY or c.startswith("~") else 1 for c in basis.columns if is_proxy(c))
+def _complexity(basis: Basis, own: str) -> int:
+    """How much a term asks to be believed: functions, factors, and columns that only stand for a physical one.
+
+    Light and range act on each other; any other simulated channel than the law's `own` only goes along with it. An
+    order goes along with all that was set in it.
+    """
+    proxies = sum(
+        STANDS_FOR_ALL if is_order(c) else 1 if c == own or _acts(c) else 2 for c in basis.columns if is_proxy(c)
+    )
     if basis.waves:
         return 1 + len(basis.waves) + proxies
     places = sum(axis.is_open for axis in basis.axes)
-    plain = sum(axis.kind not in {"linear", "ratio", "is", "parity", "inverse"} for axis in basis.axes)
+    plain = sum(
+        not axis.is_open and axis.kind not in {"linear", "ratio", "is", "parity", "inverse"} for axis in basis.axes
+    )
     return 4 * places + plain + len(basis.axes) + proxies
+
+
+def _acts(column: str) -> bool:
+    """Whether a column is a simulated signal or range."""
+    return column.startswith("sim_") and role_of(column.removeprefix("sim_")) in {Role.INTENSITY, Role.DISTANCE}
 
 
 def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequence[str]) -> tuple[Law, Chosen]:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
-from arl_fixtures.reconcile.roles import FIELD_COLUMNS, MADE_OF
+from arl_fixtures.reconcile.roles import FIELD_COLUMNS, MADE_OF, Role, role_of
 from arl_fixtures.reconcile.view import View
 
 HOLDS = 0.95
@@ -39,6 +39,12 @@ def energy_region(values: FloatArray, power: FloatArray) -> list[float] | None:
     return [float(x[starts[fits][best]]), float(x[ends[fits][best]])]
 
 
+def _as_predicted(column: str, view: View) -> str:
+    """The column of a quantity that rows to be predicted have, too; of a temperature the one that is logged."""
+    simulated = f"sim_{column}"
+    return simulated if view.has(simulated) and role_of(column) is not Role.TEMPERATURE else column
+
+
 def columns_as_drivers(names: Sequence[str], view: View) -> list[str]:
     """Feature names as columns of the table: derived features give the columns that they are made of."""
     drivers: list[str] = []
@@ -60,5 +66,5 @@ def columns_as_drivers(names: Sequence[str], view: View) -> list[str]:
             parts = ["stage_angle_deg", re.sub(r"~frame\((.*)\)", r"\1", name)]
         else:
             parts = ["stage_angle_deg"]
-        drivers += [p.removeprefix("sim_") if p.startswith("sim_") else p for p in parts]
-    return [d for k, d in enumerate(drivers) if d not in drivers[:k] and (view.has(d) or view.has(f"sim_{d}"))]
+        drivers += [_as_predicted(p.removeprefix("sim_"), view) for p in parts]
+    return [d for k, d in enumerate(drivers) if d not in drivers[:k] and view.has(d)]

@@ -28,6 +28,9 @@ _SIGNAL_NAMES = frozenset(
     {"counts", "cnt", "adu", "dn", "electrons", "hits", "events", "grey", "gray", "strength", "peak", "amp"}
 )
 """Words that name light only when they stand alone between underscores: `lamp_v` is no amplitude."""
+_DETECTOR_NAMES = frozenset({"monitor", "pd", "mpd", "apd", "pmt", "sipm", "spad"})
+_CURRENTS = {"a", "ma", "ua", "na"}
+"""A detector's current is light: a laser's monitor diode, say."""
 _SIGNAL_UNITS = {
     "counts", "cnt", "kcnt", "adu", "dn", "lsb", "electrons", "photons", "pe", "cps", "kcps", "mcps",
     "w", "mw", "uw", "nw", "j", "mj", "uj", "nj", "lux",
@@ -99,6 +102,8 @@ def role_of(name: str, channels: frozenset[str] | set[str] = frozenset()) -> Rol
 
     >>> [role_of(name).value for name in ("return_v", "echo_mv", "pulse_energy_mj", "laser_voltage_v", "n_returns")]
     ['intensity', 'intensity', 'intensity', 'other', 'other']
+    >>> [role_of(name).value for name in ("monitor_current_ua", "monitor_v", "apd_bias_v")]
+    ['intensity', 'other', 'other']
     >>> [role_of(name).value for name in ("counts", "peak_v", "lamp_v", "depth_cm", "tof_ps", "width_ns")]
     ['intensity', 'intensity', 'other', 'distance', 'distance', 'other']
     """
@@ -111,7 +116,9 @@ def role_of(name: str, channels: frozenset[str] | set[str] = frozenset()) -> Rol
         return Role.OTHER
     if unit in {"ns", "ps"} and any(word in name for word in _FLIGHT_WORDS):
         return Role.DISTANCE
-    named = any(word in name for word in _SIGNAL_WORDS) or bool(_SIGNAL_NAMES & set(name.split("_")))
+    words = set(name.split("_"))
+    named = any(word in name for word in _SIGNAL_WORDS) or bool(_SIGNAL_NAMES & words)
+    named = named or bool(_DETECTOR_NAMES & words and unit in _CURRENTS)
     if unit in _SIGNAL_UNITS or (unit in _READ_IN and named):
         return Role.INTENSITY
     if unit in {"m", "mm", "cm", "km"}:
@@ -128,6 +135,15 @@ def per_metre(unit: str) -> float:
     (1000.0, 6.6713, 1.0)
     """
     return _PER_METRE.get(unit, 1.0)
+
+
+def is_aside(name: str) -> bool:
+    """Whether a channel's name says that its light is not the return's.
+
+    >>> is_aside("ambient_counts"), is_aside("intensity_counts"), is_aside("monitor_current_ua")
+    (True, False, True)
+    """
+    return any(word in name for word in ("ambient", "background", "monitor", "dark"))
 
 
 def may_be_light(name: str) -> bool:

@@ -208,7 +208,8 @@ def screen(
         if with_chance
         else None
     )
-    by_unit, at_once = _UnitSums(residual, unit, noise), _UnitSums(residual, np.zeros_like(unit), noise)
+    by_unit = _UnitSums(residual, unit, len(labels), noise)
+    at_once = _UnitSums(residual, np.zeros_like(unit), 1, noise)
     best_by_chance, best_by_search, best_alone = np.zeros(DRAWS), np.zeros(DRAWS), np.zeros(DRAWS)
     found: list[Candidate] = []
     for effect, variant in variants:
@@ -314,12 +315,14 @@ def unit_labels(problem: Problem) -> tuple[str, tuple[str, ...]]:
 class _UnitSums:
     """Products of tangents with each other, with the residual and with draws of noise, over each unit's rows."""
 
-    def __init__(self, residual: FloatArray, unit: IntArray, noise: NDArray[np.float32] | None = None) -> None:
+    def __init__(
+        self, residual: FloatArray, unit: IntArray, count: int, noise: NDArray[np.float32] | None = None
+    ) -> None:
         order = np.argsort(unit, kind="stable")
         self._order = None if np.array_equal(order, np.arange(len(order))) else order
         self._residual = residual if self._order is None else residual[order]
         self._noise = noise  # any order of its rows is as good a draw
-        ends = np.cumsum(np.bincount(unit))
+        ends = np.cumsum(np.bincount(unit, minlength=count))  # of a unit that no channel at work has, no rows
         self._parts = [slice(start, end) for start, end in itertools.pairwise([0, *ends.tolist()])]
 
     def __call__(self, tangents: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:

@@ -171,9 +171,9 @@ def score(truth: dict[str, Any], folder: Path, answer: Answer) -> Score:
     channels = {c for e in told for c in e["channels"]}
     reported = {c for f in findings for c in f["channels"]}
     mark.channel = bool(reported & channels)
-    drivers = {d for e in told for d in e["drivers"]}
+    drivers = {d.removeprefix("sim_") for e in told for d in e["drivers"]}  # of a signal, measured or simulated
     if drivers:
-        mark.driver = bool(first and first["drivers"] and first["drivers"][0] in drivers)
+        mark.driver = bool(first and first["drivers"] and first["drivers"][0].removeprefix("sim_") in drivers)
     mark.explained = unseen_explained(
         folder / truth["name"],
         folder / "oracle" / f"{truth['name']}.parquet",

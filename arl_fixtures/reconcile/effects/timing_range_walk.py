@@ -65,7 +65,7 @@ class RangeWalk(Effect):
                             else shape("threshold", "1", 1e-4, 0.9, 0.02),
                         ),
                         channels=(distance,),
-                        drivers=_columns(view) if signal == RETURN else (signal,),
+                        drivers=_drivers(view, signal),
                     )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
@@ -122,7 +122,10 @@ def _strength(view: View, signal: str, distance: str) -> FloatArray:
     return _returned(view, distance) if signal == RETURN else np.maximum(view.number(signal), 0.0)
 
 
-def _columns(view: View) -> tuple[str, ...]:
+def _drivers(view: View, signal: str) -> tuple[str, ...]:
+    """The simulated signal, as it is where rows are predicted; a logged one; or what makes up a return's strength."""
+    if signal != RETURN:
+        return (f"sim_{signal}" if f"sim_{signal}" in view.columns.numbers else signal,)
     return tuple(name for name in ("reflectance", "true_range_m", "incidence_deg") if view.varies(name))
 
 
