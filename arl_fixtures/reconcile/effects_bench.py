@@ -32,6 +32,8 @@ _LIKELY_HEIGHTS = 8
 _CHECKED = 2000
 _FEWEST = 20
 _SHARP_LIGHT, _SHARP_RANGE_M = 4e-3, 2e-3
+_SOFT_MISFIT = 0.01
+"""Mean error of light and range from which soft edges of a bench that is not the nominal one lie elsewhere."""
 _MOST_UNEQUAL, _HARDLY_UNEQUAL = 0.03, 0.005
 _FEWEST_OF_PIXEL = 5
 _AGREED, _CLEARLY = 3e-4, 0.5
@@ -219,7 +221,8 @@ def _through(view: View, camera: Camera, scene: SceneSettings, code: IntArray, f
         ),
         soft,
     )
-    if optics is soft and not usual:
+    alike = bool(lit and ranged) and all(_misfit(sample, soft, h) < _SOFT_MISFIT for sample, h in samples)
+    if optics is soft and not (usual or alike):
         return None
     if optics is not soft:  # sharp rays tell heights apart that look alike through soft ones: circles repeat
         for mine, (sample, height) in zip(places, samples, strict=True):

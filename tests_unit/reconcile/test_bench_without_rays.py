@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from traced_bench import LIGHT, RANGE, seen_as_measured, table, with_surfaces
+from traced_bench import FIFTEENTHS, LIGHT, RANGE, seen_as_measured, table, with_surfaces
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.columns import find_channels
 from arl_fixtures.reconcile.derived_rays import as_the_table_says, derive_rays
 from arl_fixtures.reconcile.effects_bench import bench_of, is_sharp
 from arl_fixtures.reconcile.effects_rays import Pose
+from arl_fixtures.reconcile.effects_render import rendered
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.view import View
 
@@ -50,10 +51,26 @@ def test_one_channel_is_enough_to_see_the_bench(missing):
 
 def test_a_bench_with_its_panels_elsewhere_is_seen_and_moves_like_it():
     rebuilt = {"arc_m": 1.27, "wall_m": 1.85}
-    assert bench_of(View(table(**rebuilt))) is None  # nothing says what is looked at
+    assert is_sharp(View(table(**rebuilt)))  # where a ray looks says enough of what it meets
     columns = with_surfaces(table(turn_deg=0.3, noise=False, **rebuilt), **rebuilt)
     assert is_sharp(View(columns))
     assert seen_as_measured(columns, Pose(turn_deg=0.3)) > 0.99
+
+
+def test_a_calibrated_bench_with_its_panels_elsewhere_before_a_brighter_wall_is_seen():
+    columns = table(arc_m=1.27, wall_m=1.85, paint=0.11)
+    assert is_sharp(View(calibrated(columns, pedestal=0.0, offset_m=0.0066)))
+
+
+def test_soft_edges_of_a_bench_that_was_rebuilt_move_as_its_pixels_areas_do():
+    rebuilt = {"arc_m": 1.27, "wall_m": 1.85, "places": FIFTEENTHS}
+    columns = table(turn_deg=0.1, noise=False, angles=31, **rebuilt)
+    view = View(columns)
+    assert bench_of(view) is not None
+    there, here = rendered(view, Pose(turn_deg=0.1)), rendered(view)
+    light = view.sim[LIGHT] * (there[LIGHT] / here[LIGHT] - 1.0)
+    moved = view.number(LIGHT) - view.sim[LIGHT]
+    assert np.sum((light - moved) ** 2) < 0.05 * np.sum(moved**2)
 
 
 def test_another_scene_is_not_calibrated_into_the_bench():
