@@ -40,6 +40,7 @@ from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.robust import LEAST_TAIL, log_beta
 from arl_fixtures.reconcile.roles import Role, role_of
+from arl_fixtures.reconcile.stated import surprise_shared
 
 MOST_TERMS = 5
 MOST_PASSES = 3
@@ -194,6 +195,7 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
     before = data.fit_scatter(data.residual(state))[0]
     law, chosen = law_of(Chosen(), data), Chosen()
     within = looker.problem.groups.block_name in WITHIN_IMAGES
+    shared = surprise_shared(looker.problem.view, data.channel, data.use)
     for tau in _starts(data, within_images=within):
         trial, found = _from_start(looker, data, state, leading, tau)
         if not found.terms:
@@ -203,7 +205,7 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
         gain = after - before
         if found.shared:
             gain = of_few_steps(gain, sum(len(v) for v in found.values), data)
-        found.plain, found.likelier = gain - found.cost(), gain / found.scatter - found.cost()
+        found.plain, found.likelier = gain - found.cost(), (gain / found.scatter - found.cost()) / shared
         stands, stood = is_law(found), is_law(chosen)  # what only fits gives way to what foretells
         least = chosen.likelier + START_GAIN if chosen.terms and stands == stood else 0.0
         if found.likelier > least and stands >= stood:

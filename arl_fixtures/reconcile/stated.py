@@ -11,6 +11,8 @@ from arl_fixtures.reconcile.columns import Channel, FloatArray
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
 
+MOST_SHARED = 3.0
+"""Largest part of it that is allowed for: where nearly nothing is lost, what is lost still tells."""
 RARE = 1e-4
 """Probability below which frames that do or do not return make no such share by chance."""
 
@@ -43,6 +45,21 @@ def shortfall(frames: FloatArray) -> FloatArray:
     """Mean standard deviation of n Gaussian frames over the true one: c4 = √(2/(n−1)) Γ(n/2) / Γ((n−1)/2)."""
     n = np.maximum(frames, 2.0)
     return np.asarray(np.sqrt(2.0 / (n - 1.0)) * np.exp(gammaln(n / 2.0) - gammaln((n - 1.0) / 2.0)))
+
+
+def surprise_shared(view: View, channel: Channel, use: NDArray[np.int64]) -> float:
+    """By how much less a likelihood of normal errors tells of shares of few frames that are lost, at least 1.
+
+    A row that lacks one frame of fifty where one in 500 is lost lies far out, as one row in ten does. The excess
+    kurtosis of a count is 1 / (n p q): whatever few rows have in common follows it (Johnson, Kotz, Kemp, Univariate
+    Discrete Distributions, ch. 3).
+    """
+    if channel.role is not Role.FRACTION or not view.has("n_frames"):
+        return 1.0
+    frames = np.maximum(np.nan_to_num(view.frames()[use], nan=1.0), 1.0)
+    share = np.clip(view.sim[channel.name][use], 0.0, 1.0)
+    lost = float(np.median(frames * share * (1.0 - share)))
+    return 1.0 + min(1.0 / max(lost, 1e-9), MOST_SHARED)
 
 
 def by_chance(view: View, channel: Channel, use: NDArray[np.int64]) -> NDArray[np.bool_]:
