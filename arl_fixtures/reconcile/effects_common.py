@@ -33,6 +33,7 @@ _DARK = 1e-6
 _SAMPLE = 20_000
 _ROOM_C = 25.0
 _BENCH = ("plate", "coolant", "ambient", "chamber", "oil", "bath", "room", "lab", "hall", "air", "dew", "frost")
+_ELSEWHERE = ("cable", "fibre", "fiber", "target", "panel", "lamp", "tripod", "rail")
 _AGES = frozenset({"hours", "shots", "cycles"})
 _CALENDAR = ("cycle", "operating_time_h", "operating_hours_h", "shots")
 
@@ -97,13 +98,13 @@ def temperature_drivers(view: View, *first: str, limit: int = 3, never: tuple[st
     """Varying logged temperatures that may drive an effect, preferred ones first.
 
     A preferred one may lack its middle word (`laser_c`) or have another. Temperatures of the bench (plate, coolant,
-    ambient, set-point) come in only where no other is left.
+    ambient, set-point), and of what hangs on the sensor or stands before it, come in only where no other is left.
     """
     parts = [name.removesuffix("_temperature_c") for name in first]
     alike = [n for part in parts for n in view.temperatures() if is_of(n, part)]
     preferred = dict.fromkeys([*first, *alike])
     names = [n for n in view.temperatures(*preferred) if not n.startswith(never or ("~",))]
-    near = [n for n in names if not is_of_bench(n)]
+    near = [n for n in names if not (is_of_bench(n) or is_of(n, *_ELSEWHERE))]
     return tuple((near or list(names))[:limit])
 
 
