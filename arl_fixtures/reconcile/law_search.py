@@ -1,9 +1,6 @@
-"""Find an empirical law: terms enter one by one while unseen blocks gain, simple ones before exact ones.
+"""Find an empirical law: from which scatters to start, when to look again, where terms hold, and whether it is one.
 
-All candidates are judged by the same measure: the marginal likelihood of the whitened residual with the width of the
-candidate's coefficients at its best, less a price for having been chosen among so many. A line, a curve and a map
-thus compete on equal terms. What is accepted is fitted jointly, and every term must predict blocks that took no part
-in its fit.
+Which terms it has is chosen in `law_choice`.
 """
 
 from __future__ import annotations
@@ -15,14 +12,13 @@ import numpy as np
 from scipy import stats
 
 from arl_fixtures.reconcile.boosting import Binned, Boosted, bin_columns
-from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.grouping import WITHIN_IMAGES
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm, axes_of
-from arl_fixtures.reconcile.law_basis import Basis, is_order, is_proxy
+from arl_fixtures.reconcile.law_basis import Basis
 from arl_fixtures.reconcile.law_candidates import Candidates
-from arl_fixtures.reconcile.law_evidence import evidence
-from arl_fixtures.reconcile.law_fit import Chosen, confirm, holds_between, joint, weighed
+from arl_fixtures.reconcile.law_choice import FURTHER_GAIN, LEAST_GAIN, find_terms
+from arl_fixtures.reconcile.law_fit import Chosen, confirm, joint, weighed
 from arl_fixtures.reconcile.law_harm import harmless
 from arl_fixtures.reconcile.law_pool import (
     PRICE_MARK,
@@ -35,14 +31,13 @@ from arl_fixtures.reconcile.law_pool import (
     recurs,
 )
 from arl_fixtures.reconcile.law_shape import sharpened
-from arl_fixtures.reconcile.law_work import ALL_ROWS, MOST_ROWS, Candidate, Work
+from arl_fixtures.reconcile.law_work import ALL_ROWS, MOST_ROWS, Work
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.robust import LEAST_TAIL, log_beta
-from arl_fixtures.reconcile.roles import Role, role_of
+from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.stated import surprise_shared
 
-MOST_TERMS = 5
 MOST_PASSES = 3
 MOST_FACTORED, MOST_OFFERS = 4, 6
 PRICE_FACTOR = 4.0
@@ -51,18 +46,6 @@ STEP_SHARES = (0.3, 0.1)
 """Shares of the steps' scatter from which the search starts anew."""
 START_GAIN = 3.0
 """Log-likelihood by which a further start must do better."""
-CLOSE, CLOSE_SHARE = 2.0, 0.03
-"""Of candidates that differ by less (log-likelihood, or share of the best) the simplest is taken."""
-STANDS_FOR_ALL = 4
-"""How many functions more a law must ask to be believed before an order of the measurement is the simpler one."""
-LEAST_GAIN, FURTHER_GAIN, FURTHER_SHARE = 1.0, 4.0, 0.01
-"""Log-likelihood that the first term and further ones must gain on unseen blocks, and its share of what is gained."""
-MOST_JUDGED = 16
-"""Candidates of a round that are judged on all rows: those that rank first on a part of them."""
-MOST_FAILED = 3
-"""Times that the best candidates of all may fail on unseen blocks before a search ends."""
-FURTHER_EVIDENCE = 3.0
-"""What a further term must earn beyond its price: of hundreds beside a good first one some earn a little."""
 
 LAW_GAIN = 9.0
 """Log-likelihood that a law must gain on unseen blocks where nothing else tells of a mismatch."""
@@ -89,100 +72,6 @@ def is_law(chosen: Chosen, *, beside: bool = False) -> bool:
     if chosen.z > LEAST_Z:
         return chosen.likelier > least
     return chosen.z > FEW_Z and chosen.likelier > 2.0 * max(least, LIKELIER)
-
-
-def find_terms(work: Work, pool: Candidates, whole: Work | None = None) -> Chosen:
-    """Forward selection from a pool; the joint fit and what unseen blocks say of it.
-
-    Args:
-        work: the rows of the pool's vectors, on which its candidates are ranked.
-        pool: candidates.
-        whole: the rows on which they are judged and fitted, if these are more.
-    """
-    whole, own = whole or work, f"sim_{work.data.channel.name}"
-    chosen, left = Chosen(left=whole.residual), work.residual
-    judged = _Judged(work, whole, pool)
-    ranked: list[int] = []
-    failed = 0
-    while len(chosen.terms) < MOST_TERMS:
-        least = FURTHER_EVIDENCE if chosen.terms else 0.0
-        offers = judged.offers(left, chosen.left, least)
-        if not offers:
-            break
-        best = max(offers)[0]
-        near = [k for gain, k in offers if gain > best - max(CLOSE, CLOSE_SHARE * best)]
-        accepted, between = None, False
-        for k in sorted(near, key=lambda k: (_complexity(pool.items[k].basis, own), -judged.items[k].gain))[:4]:
-            judged.tried.add(k)
-            trial = joint(whole, [*chosen.terms, judged.items[k]])
-            further = max(FURTHER_GAIN, FURTHER_SHARE * chosen.held) if chosen.terms else LEAST_GAIN
-            if trial.beyond(chosen) > further:
-                if holds_between(whole, chosen, trial):
-                    accepted = trial
-                    ranked.append(k)
-                    break
-                between = True
-        if accepted is not None:
-            chosen, failed = accepted, 0
-            left = work.residual - sum(v @ pool.items[k].vectors for v, k in zip(chosen.values, ranked, strict=True))
-        elif between or failed < MOST_FAILED:
-            failed += not between  # what fits best but foretells nothing gives way to the next best
-        else:
-            break
-    return chosen
-
-
-class _Judged:
-    """Candidates ranked on a part of the rows, the best of them judged on all."""
-
-    def __init__(self, work: Work, whole: Work, pool: Candidates) -> None:
-        self.whole, self.pool, self.alike = whole, pool, whole is work
-        self.ratio = len(whole.pick) / len(work.pick)
-        self.items: dict[int, Candidate] = dict(enumerate(pool.items)) if self.alike else {}
-        self.tried: set[int] = set()
-
-    def offers(self, part: FloatArray, left: FloatArray, least: float) -> list[tuple[float, int]]:
-        """Gains above the least, and whose; `part` and `left` are the whitened rests on the two sets of rows."""
-        offers: list[tuple[float, int]] = []
-        for k, (item, gain, width) in enumerate(zip(self.pool.items, *self.pool.weigh(part), strict=True)):
-            if k not in self.tried:
-                item.gain, item.width = self.ratio * gain - item.basis.price, width
-                offers.append((item.gain, k))
-        if not self.alike:
-            first = [k for _, k in sorted(offers, reverse=True)[:MOST_JUDGED]]
-            offers = []
-            new = [k for k in first if k not in self.items]
-            made = Candidates(self.whole, left).add(self.pool.items[k].basis for k in new)
-            self.items.update(zip(new, made, strict=True))
-            for k in first:
-                item = self.items[k]
-                gain, item.width = evidence(item.gram, item.vectors @ left, item.basis.prior)
-                item.gain = gain - item.basis.price
-                offers.append((item.gain, k))
-        return [offer for offer in offers if offer[0] > least]
-
-
-def _complexity(basis: Basis, own: str) -> int:
-    """How much a term asks to be believed: functions, factors, and columns that only stand for a physical one.
-
-    Light and range act on each other; any other simulated channel than the law's `own` only goes along with it. An
-    order goes along with all that was set in it.
-    """
-    proxies = sum(
-        STANDS_FOR_ALL if is_order(c) else 1 if c == own or _acts(c) else 2 for c in basis.columns if is_proxy(c)
-    )
-    if basis.waves:
-        return 1 + len(basis.waves) + proxies
-    places = sum(axis.is_open for axis in basis.axes)
-    plain = sum(
-        not axis.is_open and axis.kind not in {"linear", "ratio", "is", "parity", "inverse"} for axis in basis.axes
-    )
-    return 4 * places + plain + len(basis.axes) + proxies
-
-
-def _acts(column: str) -> bool:
-    """Whether a column is a simulated signal or range."""
-    return column.startswith("sim_") and role_of(column.removeprefix("sim_")) in {Role.INTENSITY, Role.DISTANCE}
 
 
 def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequence[str]) -> tuple[Law, Chosen]:
