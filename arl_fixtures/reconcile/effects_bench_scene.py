@@ -25,7 +25,8 @@ IntArray = NDArray[np.int64]
 
 _SAME, _AGREE = 0.003, 0.01
 """Relative difference up to which a surface is where it nominally is, and scatter of rows that tell where it is."""
-_FEWEST, _RAYS = 2, 3
+_FEWEST, _MOST, _RAYS = 2, 20_000, 3
+"""Rows that tell of a surface at least, rows of all surfaces that are asked at most, and rays across a pixel."""
 _WITHIN, _BEYOND = 0.5, 1.4
 """Shares of half a panel's angle within which a ray meets it at any radius, and beyond which at none."""
 _ROUNDS, _WIDTHS = 30, (3e-2, 3e-5)
@@ -58,6 +59,7 @@ def scenes_of(view: View, camera: Camera, first: IntArray) -> tuple[SceneSetting
         first: a row of each pixel at each stage angle.
     """
     nominal = SceneSettings()
+    first = first[np.unique(np.linspace(0, first.size - 1, min(_MOST, first.size)).astype(np.int64))]
     seen = _seen(view, camera, first, nominal)
     rebuilt = _placed(view, first, seen, nominal)
     if rebuilt is None:
@@ -197,9 +199,7 @@ def _wall_share(view: View, camera: Camera, first: IntArray, seen: _Seen, scene:
     light, _, alike = _rendered(camera, seen, scene)
     light = seen.beam * light
     plain = np.array([True, *(panel.circles is None for panel in scene.panels)])
-    good = (
-        alike & (seen.surface >= 0) & plain[seen.surface] & np.isfinite(signal) & (signal > 0.0) & np.isfinite(light)
-    )
+    good = alike & (seen.surface >= 0) & plain[seen.surface] & np.isfinite(signal) & (signal > 0.0)
     shares = []
     for unit in np.unique(seen.unit[good]):
         mine = good & (seen.unit == unit)

@@ -34,6 +34,7 @@ _SAMPLE = 20_000
 _ROOM_C = 25.0
 _BENCH = ("plate", "coolant", "ambient", "chamber", "oil", "bath", "room", "lab", "hall", "air", "dew", "frost")
 _ELSEWHERE = ("cable", "fibre", "fiber", "target", "panel", "lamp", "tripod", "rail")
+"""Parts beside the sensor: what follows their temperatures is not the sensor's."""
 _AGES = frozenset({"hours", "shots", "cycles"})
 _CALENDAR = ("cycle", "operating_time_h", "operating_hours_h", "shots")
 

@@ -261,7 +261,7 @@ def is_proxy(column: str) -> bool:
 
 def is_order(column: str) -> bool:
     """Whether a column tells when something was measured: whatever was changed meanwhile goes along with it."""
-    return column in {"time_s", "step", "~within(time_s)"} or counts_visits(column)
+    return (column in UNLIKELY and unit_of(column) != "°C") or counts_visits(column)
 
 
 def moves_waves(column: str) -> bool:

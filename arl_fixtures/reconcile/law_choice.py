@@ -17,6 +17,7 @@ from arl_fixtures.reconcile.law_work import Candidate, Work
 from arl_fixtures.reconcile.roles import Role, role_of
 
 MOST_TERMS = 5
+"""Terms of a law."""
 CLOSE, CLOSE_SHARE = 2.0, 0.03
 """Of candidates that differ by less (log-likelihood, or share of the best) the simplest is taken."""
 STANDS_FOR_ALL = 4

@@ -43,8 +43,9 @@ def test_rolloff_shifts_the_whole_light_current_curve_and_says_which_way_its_slo
         slope = 400.0 * np.exp(-fade * (temperature - 20.0))
         return 5.0 * j + slope * 0.02 * np.logaddexp(0.0, (j - threshold) / 0.02)
 
-    view = table(drive_current_a=current, heatsink_temperature_c=warm, sim_photodiode_w=diode(current, 20.0),
-        photodiode_w=diode(current, warm),
+    cold, real = diode(current, 20.0), diode(current, warm)
+    view = table(
+        drive_current_a=current, heatsink_temperature_c=warm, sim_photodiode_w=cold, photodiode_w=real
     )  # fmt: skip
     variant = variant_of(view, "laser.thermal_rolloff", kind="curve")
     values = fit(
@@ -101,9 +102,8 @@ def test_a_beam_is_blurred_by_no_more_than_a_law_of_second_order_holds_for(end):
         rays = np.exp(-0.5 * (fine / 6.0) ** 2)
         return np.interp(angle, fine, np.convolve(rays, spread / spread.sum(), mode="same"))
 
-    view = table(pixel_u=u, pixel_v=v, azimuth_deg=angle, elevation_deg=0.75 * (v - 2.5),
-        sim_signal_counts=1000.0 * beam(0.0),
-    )  # fmt: skip
+    elevation, plain = 0.75 * (v - 2.5), 1000.0 * beam(0.0)
+    view = table(pixel_u=u, pixel_v=v, azimuth_deg=angle, elevation_deg=elevation, sim_signal_counts=plain)
     blur = variant_of(view, "beam.profile_change", kind="blur")
     along = blur.parameters[0]
     most = getattr(along, end)

@@ -69,9 +69,8 @@ def test_a_receiver_that_gathers_all_light_sees_the_surface_beside_the_beam_in_i
     wave = 800.0 * (echo(truth) + part[:, None] * echo(0.5 * (truth + np.sqrt(truth**2 + 4.0 * 0.4**2))))
     direct = 800.0 * echo(truth)
     centre = 0.5 * 299_792_458.0 * (wave @ time) / wave.sum(axis=1)
-    view = table(sim_distance_m=truth, distance_m=centre, sim_signal_counts=direct.sum(axis=1),
-        signal_counts=wave.sum(axis=1),
-    )  # fmt: skip
+    plain, seen = direct.sum(axis=1), wave.sum(axis=1)
+    view = table(sim_distance_m=truth, distance_m=centre, sim_signal_counts=plain, signal_counts=seen)
     state = corrected(view, variant_of(view, "air.multipath", source="side", lit=True), share=0.03, height=0.4)
     assert left_over(view, state, "signal_counts") < 1e-3
     assert left_over(view, state, "distance_m") < 1e-3

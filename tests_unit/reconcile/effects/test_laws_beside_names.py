@@ -1,9 +1,7 @@
 """What a law must gain to stand against a name: of a neighbour's rows, of the name's own columns."""
 
-import numpy as np
-import pytest
-from operator_tables import image_of, image_view, table
-from rendered_bench import corrected, variant_of
+from operator_tables import image_of, image_view
+from rendered_bench import variant_of
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.rivals import needed_by_law
@@ -36,25 +34,3 @@ def test_a_law_of_a_names_own_columns_must_do_better_than_one_of_others():
     acting = [Term(effect=library()[variant.effect], variant=variant, values=default_values(variant))]
     own, other = (needed_by_law(100.0, 0.0, acting, columns) for columns in (["pixel_u"], ["tof_temperature_c"]))
     assert own > other
-
-
-@pytest.mark.parametrize("end", ["low", "high"])
-def test_a_beam_is_blurred_by_no_more_than_a_law_of_second_order_holds_for(end):
-    u, v = (a.ravel().astype(float) for a in np.meshgrid(np.arange(48), np.arange(6)))
-    angle = 0.75 * (u - 23.5)
-    fine = np.arange(-90.0, 90.0, 0.02)
-
-    def beam(variance):  # of rays of 6 deg, each spread by 8 deg and what the blur adds to that
-        spread = np.exp(-0.5 * np.arange(-60.0, 60.01, 0.02) ** 2 / (64.0 + variance))
-        rays = np.exp(-0.5 * (fine / 6.0) ** 2)
-        return np.interp(angle, fine, np.convolve(rays, spread / spread.sum(), mode="same"))
-
-    view = table(pixel_u=u, pixel_v=v, azimuth_deg=angle, elevation_deg=0.75 * (v - 2.5),
-        sim_signal_counts=1000.0 * beam(0.0),
-    )  # fmt: skip
-    blur = variant_of(view, "beam.profile_change", kind="blur")
-    along = blur.parameters[0]
-    most = getattr(along, end)
-    values = {p.name: most if p is along else 0.0 for p in blur.parameters}
-    told = corrected(view, blur, **values)["signal_counts"] / view.sim["signal_counts"]
-    np.testing.assert_allclose(told, beam(most) / beam(0.0), rtol=0.16)
