@@ -24,6 +24,22 @@ def bias_column(view: View) -> str:
     return ""
 
 
+def light_column(view: View) -> str:
+    """The logged light that falls on the detector, where it varies; else empty.
+
+    What a simulated signal is of it tells by how much the simulation multiplies, whatever its law.
+    """
+    for name in view.covariates():
+        if unit_of(name) in _LIGHT_UNITS and any(word in name for word in ("optical", "incident", "light")):
+            low, high = view.span(name)
+            if low > 0.0 and high > low:
+                return name
+    return ""
+
+
+_LIGHT_UNITS = {"W", "mW", "µW", "nW", "pW"}
+
+
 def breakdown(view: View, bias: str) -> Parameter:
     """The voltage at which the gain diverges, beyond the highest bias."""
     top = view.span(bias)[1]

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from arl_fixtures.reconcile.effects_bench_scene import scenes_of
 from arl_fixtures.reconcile.effects_camera import Camera, cameras_of
@@ -25,6 +26,10 @@ IntArray = NDArray[np.int64]
 
 _RAYS = (3, 1, 2, 4, 5, 7)
 _SOFT_RAYS = 3
+_SPREAD_PX, _SPREAD_ERROR_PX = (0.05, 0.8), 0.01
+"""Standard deviations between which the simulation's own point spread is looked for, and to what error."""
+_CLEARLY_SOFTER = 0.6
+"""Share of the misfit that a point spread must leave at most: what lies beside an edge otherwise is no softness."""
 _HEIGHTS_M = (0.10, 0.0, -0.10)
 _OTHER_HEIGHTS_M = np.round(np.arange(-0.40, 0.401, 0.01), 2)
 _MOST_MISFIT, _BETTER = 0.05, 0.8
@@ -34,6 +39,12 @@ _FEWEST = 20
 _SHARP_LIGHT, _SHARP_RANGE_M = 4e-3, 2e-3
 _SOFT_MISFIT = 0.01
 """Mean error of light and range from which soft edges of a bench that is not the nominal one lie elsewhere."""
+_LIT_MISFIT, _RANGED_MISFIT_M = 0.02, 1e-3
+"""Mean error of light or of range up to which one of them alone tells of the nominal bench."""
+_LIT_SPREAD, _RANGED_SPREAD_M = 0.3, 0.05
+"""Scatter of the rows' light (natural logarithm) or range from which they see more than one surface."""
+_ONLY_HERE, _ALIKE = 0.3, 1.1
+"""Share that the misfit is of the next height's, unless all heights look alike to these rows, within this ratio."""
 _MOST_UNEQUAL, _HARDLY_UNEQUAL = 0.03, 0.005
 _FEWEST_OF_PIXEL = 5
 _AGREED, _CLEARLY = 3e-4, 0.5
@@ -190,17 +201,21 @@ def _through(view: View, camera: Camera, scene: SceneSettings, code: IntArray, f
     beam, nothing = np.exp(camera.log_beam(u, v)), np.zeros(0)
     signal = table.numbers[f"sim_{lit}"][first] if lit else nothing
     range_m = table.numbers[f"sim_{ranged}"][first] / unit if ranged else nothing
-    heights, pedestal, ahead, samples = np.zeros(first.size), np.zeros(first.size), np.zeros(first.size), []
-    places: list[IntArray] = []
-    for dut in range(int(device.max()) + 1):
-        mine = np.flatnonzero(device == dut)
+    heights, pedestal, ahead = np.zeros(first.size), np.zeros(first.size), np.zeros(first.size)
+    seen_by: list[_Sample] = []
+    places = [np.flatnonzero(device == dut) for dut in range(int(device.max()) + 1)]
+    for mine in places:
         some = mine[np.unique(np.linspace(0, mine.size - 1, min(_CHECKED, mine.size)).astype(np.int64))]
         spots = Spots(u=u, v=v, stage_deg=stage, height_m=heights).take(some)
         pixel = np.unique(spots.u * 4096.0 + spots.v, return_inverse=True)[1]
-        seen = _Sample(
-            spots=spots, signal=signal[some] if lit else nothing, beam=beam[some],
-            range_m=range_m[some] if ranged else nothing, pixel=pixel,
+        seen_by.append(
+            _Sample(
+                spots=spots, signal=signal[some] if lit else nothing, beam=beam[some],
+                range_m=range_m[some] if ranged else nothing, pixel=pixel,
+            )
         )  # fmt: skip
+    soft, samples = _softened(soft, seen_by), []
+    for mine, seen in zip(places, seen_by, strict=True):
         sample = _likelier(seen, soft)
         height = _height(sample, soft)
         if height is None:
@@ -209,7 +224,6 @@ def _through(view: View, camera: Camera, scene: SceneSettings, code: IntArray, f
         pedestal[mine] = sample.pedestal / sample.gain / beam[mine]
         ahead[mine] = sample.ahead_m
         samples.append((sample, height))
-        places.append(mine)
     # what one channel, or surfaces elsewhere, nearly agree with may be another bench
     usual = bool(lit and ranged and scene == SceneSettings())
     most = _MOST_UNEQUAL if usual else _HARDLY_UNEQUAL
@@ -221,7 +235,10 @@ def _through(view: View, camera: Camera, scene: SceneSettings, code: IntArray, f
         ),
         soft,
     )
-    alike = bool(lit and ranged) and all(_misfit(sample, soft, h) < _SOFT_MISFIT for sample, h in samples)
+    if lit and ranged:
+        alike = all(_misfit(sample, soft, h) < _SOFT_MISFIT for sample, h in samples)
+    else:
+        alike = scene == SceneSettings() and all(_only_from(sample, soft, h) for sample, h in samples)
     if optics is soft and not (usual or alike):
         return None
     if optics is not soft:  # sharp rays tell heights apart that look alike through soft ones: circles repeat
@@ -233,6 +250,33 @@ def _through(view: View, camera: Camera, scene: SceneSettings, code: IntArray, f
     return Bench(
         index=code, spots=spots, frame=frame, unit=unit, optics=optics, pedestal=pedestal, ahead_m=ahead
     )  # fmt: skip
+
+
+def _softened(soft: Optics, samples: list[_Sample]) -> Optics:
+    """Pixels with as wide a point spread as the simulation's edges show, of the first device."""
+    misfit, height = min((_misfit(_likelier(samples[0], soft), soft, height), height) for height in _HEIGHTS_M)
+    if not np.isfinite(misfit):
+        return soft
+
+    def spread(px: float) -> float:
+        optics = replace(soft, spread_px=px)
+        return min(_misfit(_likelier(samples[0], optics), optics, height), 1.0)
+
+    found = minimize_scalar(spread, bounds=_SPREAD_PX, method="bounded", options={"xatol": _SPREAD_ERROR_PX})
+    return replace(soft, spread_px=float(found.x)) if found.fun < _CLEARLY_SOFTER * misfit else soft
+
+
+def _only_from(sample: _Sample, soft: Optics, height_m: float) -> bool:
+    """Whether the one channel that there is agrees with the nominal bench, from this height and no other."""
+    own = _misfit(sample, soft, height_m)
+    others = [_misfit(sample, soft, h) for h in _HEIGHTS_M if abs(h - height_m) > 0.05]
+    if sample.signal.size:
+        with np.errstate(invalid="ignore", divide="ignore"):
+            seen, most, least = np.log(sample.signal / sample.beam), _LIT_MISFIT, _LIT_SPREAD
+    else:
+        seen, most, least = sample.range_m, _RANGED_MISFIT_M, _RANGED_SPREAD_M
+    told = own < _ONLY_HERE * min(others) or max(others) < _ALIKE * own
+    return own < most and told and float(np.std(seen[np.isfinite(seen)])) > least
 
 
 def _likelier(sample: _Sample, soft: Optics) -> _Sample:

@@ -138,9 +138,8 @@ def age_drivers(view: View) -> tuple[str, ...]:
 
 def exposure_column(view: View) -> str:
     """The varying column that tells for how long the detector gathered charge; none where none does."""
-    names = (
-        n for n in view.covariates() if any(word in n for word in ("exposure", "integration_time", "gate_width"))
-    )
+    words = ("exposure", "integration_time", "gate_width", "shutter")
+    names = (n for n in view.covariates() if any(word in n for word in words))
     return next((n for n in names if unit_of(n) in {"s", "ms", "us", "µs", "ns"}), "")
 
 

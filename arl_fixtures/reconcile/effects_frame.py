@@ -38,7 +38,15 @@ def frame_range(view: View, distance: str, channel: str, over: str = "frame") ->
 
 
 def add_stray_light(
-    view: View, state: State, channel: str, *, stray: FloatArray, far: dict[str, FloatArray], pull: float, kept: float
+    view: View,
+    state: State,
+    channel: str,
+    *,
+    stray: FloatArray,
+    far: dict[str, FloatArray],
+    pull: float,
+    kept: float,
+    zero: float = 0.0,
 ) -> None:
     """Add light from elsewhere to a signal, and mix its range into the distances.
 
@@ -50,6 +58,7 @@ def add_stray_light(
         far: distance channel to the range of the stray light.
         pull: how much a distance follows the mixture: 1 for a centroid, 0 for a detector of the first edge.
         kept: share of the own light that stays in place.
+        zero: light that a calibration took for the signal's zero.
     """
     own = state[channel]
     came = np.maximum(np.nan_to_num(stray), 0.0)
@@ -59,7 +68,7 @@ def add_stray_light(
     for distance, ranges in far.items():
         moved = pull * share * (ranges - state[distance])
         state[distance] = state[distance] + np.where(np.isfinite(moved), moved, 0.0)
-    set_light(view, state, channel, total)
+    set_light(view, state, channel, total - zero)
 
 
 def ranged_by(view: View, channel: str) -> tuple[str, ...]:

@@ -17,7 +17,9 @@ IntArray = NDArray[np.int64]
 
 _SAMPLE = 30_000
 _DEGREE = 4
-_GOOD_REST = 0.03
+_GOOD_REST, _EXACT_REST = 0.03, 2e-3
+_PLAIN = ({(4, 0), (0, 4)}, {(2, 0), (0, 2)}, {(2, 0), (0, 2), (4, 0), (0, 4)})
+"""Powers of simpler profiles, which are taken where they fit exactly: few pixels do not tell of all the others."""
 _ROUNDS = 12
 FEWEST_PX = 7.0
 """Columns or rows of pixels that an image must span for a smooth profile over it."""
@@ -156,13 +158,16 @@ def _profile(view: View, channel: str, axes: tuple[Across, Across]) -> Illuminat
             return None
         az, el = (axis.of(view) for axis in axes)
         reach_az, reach_el = max(float(np.abs(az).max()), 1e-6), max(float(np.abs(el).max()), 1e-6)
-        terms = tuple((i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i) if i + j > 0)
+        every = tuple((i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i) if i + j > 0)
         x, y = az[rows] / reach_az, el[rows] / reach_el
-        basis = [np.ones(rows.size), *(x**i * y**j for i, j in terms)]
         target = np.log(signal[rows])
         for known, scenery in _sceneries(view, rows):
-            matrix = np.column_stack([*basis, *scenery])
-            solution, rest = _robust(matrix, target - known)
+            for plain in (*_PLAIN, set(every)):
+                terms = tuple(term for term in every if term in plain)
+                basis = [np.ones(rows.size), *(x**i * y**j for i, j in terms)]
+                solution, rest = _robust(np.column_stack([*basis, *scenery]), target - known)
+                if rest < _EXACT_REST:
+                    break
             if rest < _GOOD_REST:
                 break
         return Illumination(terms, solution[1 : len(terms) + 1], reach_az, reach_el)

@@ -11,7 +11,7 @@ from arl_fixtures.reconcile.effects_bench import is_sharp
 from arl_fixtures.reconcile.effects_common import FloatArray, distances, light_channels, per_view, set_light, signals
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illumination, log_profile
 from arl_fixtures.reconcile.effects_rays import Pose
-from arl_fixtures.reconcile.effects_render import rendered
+from arl_fixtures.reconcile.effects_render import as_simulated, rendered
 from arl_fixtures.reconcile.effects_room import changes_in_room, room_of
 from arl_fixtures.reconcile.effects_scene import Scene, curves_over_bearing, pixel_width, scene
 from arl_fixtures.reconcile.effects_sweep import along_sweep
@@ -194,10 +194,12 @@ def take_pose(
     there, here, simulated = rendered(view, pose, whole=whole), rendered(view, whole=whole), rendered(view)
     if there is None or here is None or simulated is None:
         return False
-    _set_seen(view, state, {
+    changes = {
         name: seen - here[name] if name in distances(view) else 1.0 + (seen - here[name]) / simulated[name]
         for name, seen in there.items()
-    }, *beam_moves)  # fmt: skip
+    }
+    known = as_simulated(view)
+    _set_seen(view, state, {name: np.where(known, change, np.nan) for name, change in changes.items()}, *beam_moves)
     return True
 
 

@@ -102,6 +102,7 @@ class Optics:
         soft_rad: width of the beamlet that a ray stands for; zero for sharp rays.
         scene: surfaces.
         filled: width over which the rays are spread, in pixels.
+        spread_px: standard deviation of the point spread of the simulation itself, in pixels.
     """
 
     camera: Camera
@@ -109,6 +110,7 @@ class Optics:
     soft_rad: float
     scene: SceneSettings
     filled: float = 1.0
+    spread_px: float = 0.0
 
 
 def _offsets(rays: int) -> tuple[FloatArray, FloatArray]:
@@ -167,7 +169,8 @@ def _look(optics: Optics, spots: Spots, pose: Pose, rays: Rays) -> tuple[FloatAr
         weight = moment * np.sqrt(level) / radius
     middle = optics.rays * optics.rays // 2
     bearing = np.degrees(np.arctan2(y[:, middle], x[:, middle]))
-    reach = _REACH_DEG + float(np.degrees(np.max(np.hypot(ahead, left)))) + 3.0 * float(np.max(pose.blur_px))
+    blurred = float(np.max(pose.blur_px)) + optics.spread_px
+    reach = _REACH_DEG + float(np.degrees(np.max(np.hypot(ahead, left)))) + 3.0 * blurred
     edge = _edge_width(optics, pose)
     for panel in scene.panels:
         away = np.abs((bearing - panel.azimuth_deg - spots.stage_deg + 180.0) % 360.0 - 180.0)
@@ -213,9 +216,9 @@ class _Edge:
 
 
 def _edge_width(optics: Optics, pose: Pose) -> _Edge | None:
-    if isinstance(pose.blur_px, float) and pose.blur_px == 0.0:
+    if isinstance(pose.blur_px, float) and pose.blur_px == 0.0 and optics.spread_px == 0.0:
         return _Edge(box=optics.soft_rad) if optics.soft_rad else None
-    blur = _column(pose.blur_px)
+    blur = _column(np.hypot(pose.blur_px, optics.spread_px))
     across, upwards = (np.maximum(blur / f, _LEAST_RAD) for f in (optics.camera.fx, optics.camera.fy))
     return _Edge(box=optics.soft_rad, across=across, upwards=upwards)
 

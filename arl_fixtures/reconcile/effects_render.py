@@ -47,6 +47,38 @@ def rendered(view: View, pose: Pose = NOMINAL, *, whole: bool = False) -> dict[s
     return _by_channel(view, bench, *_kept(view, bench, pose))
 
 
+_SAME_LIGHT, _SAME_RANGE_M = 0.2, 0.03
+"""Differences of light (natural logarithm) and range up to which a row is simulated as the bench would show it."""
+
+
+def as_simulated(view: View) -> NDArray[np.bool_]:
+    """Whether the rendered bench shows the rows under work as the table simulates them.
+
+    A sharp ray that ends on an edge may be on either side of it: of what else such a pixel sees nothing is known.
+    """
+
+    def make() -> NDArray[np.bool_]:
+        bench, seen = bench_of(view), rendered(view)
+        same = np.ones(view.n, dtype=bool)
+        if bench is None or seen is None or not bench.sharp:
+            return same
+        spot, camera = bench.index[view.rows], bench.optics.camera
+        unit = view.columns.group("dut")[view.rows]
+        beam = camera.log_beam(bench.spots.u[spot], bench.spots.v[spot])
+        for name in signals(view)[:1]:
+            with np.errstate(invalid="ignore", divide="ignore"):
+                off = np.log(view.sim[name] / seen[name]) - beam
+            for one in np.unique(unit[np.isfinite(off)]):
+                mine = unit == one
+                same[mine] &= np.abs(off - np.nanmedian(off[mine & np.isfinite(off)]))[mine] < _SAME_LIGHT
+        for name in distances(view)[:1]:
+            off = view.sim[name] / bench.unit - seen[name] / bench.unit - bench.ahead_m[spot]
+            same &= ~(np.abs(off) > _SAME_RANGE_M)
+        return same
+
+    return per_view(view, "as simulated", make)
+
+
 def _softened(view: View) -> Bench | None:
     """The bench seen through beamlets that fill the pixels between them."""
     bench = bench_of(view)
@@ -187,12 +219,13 @@ def _beside(bench: Bench, numbers: IntArray) -> list[tuple[FloatArray, FloatArra
     return found
 
 
-def footprint(view: View, filled: float) -> dict[str, FloatArray] | None:
+def footprint(view: View, filled: float, blur_px: float = 0.0) -> dict[str, FloatArray] | None:
     """Relative light and range of the rows' pixels if each sees the mean over its area, not some sharp rays.
 
     Args:
         view: rows under work.
         filled: width of the area that a pixel sees, in pixels.
+        blur_px: standard deviation of a point spread about it.
 
     Returns:
         As `rendered`; None where nothing can be rendered.
@@ -201,13 +234,15 @@ def footprint(view: View, filled: float) -> dict[str, FloatArray] | None:
     if bench is None:
         return None
     numbers, _, back = distinct_spots(view, bench)
-    kept = per_view(view, "footprints", dict[float, tuple[FloatArray, FloatArray]])
-    if filled not in kept:
+    kept = per_view(view, "footprints", dict[tuple[float, float], tuple[FloatArray, FloatArray]])
+    key = filled, blur_px
+    if key not in kept:
         if len(kept) >= _MOST_FOOTPRINTS:
             kept.clear()
         soft = replace(
-            bench.optics, rays=_FINE, soft_rad=filled / (_FINE * bench.optics.camera.fx), filled=filled
+            bench.optics, rays=_FINE, soft_rad=filled / (_FINE * bench.optics.camera.fx), filled=filled,
+            spread_px=blur_px,
         )  # fmt: skip
-        kept[filled] = look(soft, bench.spots.take(numbers))
-    light, moment = kept[filled]
+        kept[key] = look(soft, bench.spots.take(numbers))
+    light, moment = kept[key]
     return _by_channel(view, bench, light[back], moment[back])

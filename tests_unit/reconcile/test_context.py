@@ -28,13 +28,6 @@ def lagging(columns, rng):
         columns["distance_m"][mine] += np.interp(columns["time_s"][mine], fine, delay_m)
 
 
-def moved_beam(columns, rng):
-    """The beam turns with the housing's temperature: the same profile, seen from another direction."""
-    turned = 0.08 * (columns["housing_temperature_c"] - 25.0)
-    profile = [np.exp(-(((columns["azimuth_deg"] - d) / 75.0) ** 4)) for d in (turned, 0.0)]
-    columns["intensity_counts"] *= profile[0] / profile[1]
-
-
 def split(table, held):
     simulated = {n: v[held] for n, v in table.items() if n not in {"intensity_counts", "distance_m"}}
     return {n: v[~held] for n, v in table.items()}, simulated
@@ -46,16 +39,10 @@ def explained(table, plain, held, corrected, channel):
     return 1.0 - np.sum((corrected - sim - truth) ** 2) / np.sum(truth**2)
 
 
-@pytest.mark.parametrize(
-    ("change", "column", "value", "channel", "steps"),
-    [(lagging, "step", 5.0, "distance_m", 14), (moved_beam, "stage_angle_deg", 8.1, "intensity_counts", 10)],
-)
-def test_rows_of_one_step_or_angle_are_predicted_from_what_was_around_them(
-    tmp_path, make_table, save, knows_only, change, column, value, channel, steps
-):
-    knows_only("timing.thermal_lag", "timing.temperature_offset", "beam.profile_shift", "beam.profile_change")
-    table, plain = make_table(21, change, steps=steps), make_table(21, steps=steps)
-    held = np.isclose(table[column], value)
+def test_rows_of_one_step_are_predicted_from_what_was_around_them(tmp_path, make_table, save, knows_only):
+    knows_only("timing.thermal_lag", "timing.temperature_offset")
+    channel, table, plain = "distance_m", make_table(21, lagging, steps=14), make_table(21, steps=14)
+    held = np.isclose(table["step"], 5.0)
     train, unseen = split(table, held)
     reconcile(save(tmp_path / "t.parquet", train), tmp_path / "out")
     told = []

@@ -59,7 +59,7 @@ class Multipath(Effect):
         share = amplitude("share", "1", 0.0, 0.5, 0.01)
         lit = light_channels(view, channel) if channel else ()
         everything = tuple(dict.fromkeys((*far, *lit)))
-        if channel and room(view) is not None:
+        if room(view) is not None:
             drivers = [name for name in ("stage_angle_deg", "azimuth_deg") if view.varies(name)]
             yield self._variant("room", (share,), everything, (*drivers, f"sim_{far[0]}"))
         if channel and has_frames(view):
@@ -139,7 +139,7 @@ class Multipath(Effect):
                 part, detour = share * lit[0][view.rows], lit[1][view.rows]
             for name in distances(view):
                 state[name] = state[name] + part / (1.0 + part) * detour
-            if source == "room" or variant.options.get("lit"):
+            if channel and (source == "room" or variant.options.get("lit")):
                 set_light(view, state, channel, state[channel] * (1.0 + part))
             return
         add_stray_light(
@@ -164,7 +164,7 @@ class Multipath(Effect):
             return f"{law}(distance / L)^2{lean}" + ("; signal *= 1 + k" if variant.options.get("lit") else "")
         if source == "room":
             return (
-                "signal *= 1 + k; distance += k / (1 + k) * detour; k = share * (light from the other surfaces), "
+                "light *= 1 + k; distance += k / (1 + k) * detour; k = share * (light from the other surfaces), "
                 "mean 1"
             )
         if source == "wall":

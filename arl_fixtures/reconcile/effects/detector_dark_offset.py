@@ -8,8 +8,9 @@ from collections.abc import Iterable
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Option, Stage, State, Values, Variant
-from arl_fixtures.reconcile.effects_avalanche import bias_column, breakdown, multiplication
+from arl_fixtures.reconcile.effects_avalanche import bias_column, breakdown, light_column, multiplication
 from arl_fixtures.reconcile.effects_common import (
+    FloatArray,
     above,
     amplitude,
     exposure_column,
@@ -30,7 +31,8 @@ class DarkOffset(Effect):
 
     Without a temperature in the table the offset is constant. Where the bias of an avalanche detector is swept, also
     as what is multiplied with the light: the more, the nearer the bias V to breakdown, by (1 − V_top²/V_b²) /
-    (1 − V²/V_b²). Where exposures or an amplifier's gain vary, also in proportion to them.
+    (1 − V²/V_b²), or by what the simulated signal is of the light that was logged. Where exposures or an amplifier's
+    gain vary, also in proportion to them.
     """
 
     id = "detector.dark_offset"
@@ -47,8 +49,10 @@ class DarkOffset(Effect):
         )
         bias = bias_column(view)
         spent, amplified = exposure_column(view), _gain_column(view)
-        for channel, multiplied, exposure, gain in itertools.product(
-            signals(view), ("", bias) if bias else ("",), ("", spent) if spent else ("",),
+        lit = light_column(view) if bias else ""
+        ways = [("", ""), *([(bias, "")] if bias else []), *([(bias, lit)] if lit else [])]
+        for channel, (multiplied, light), exposure, gain in itertools.product(
+            signals(view), ways, ("", spent) if spent else ("",),
             ("", amplified) if amplified else ("",),
         ):  # fmt: skip
             unit, top = unit_of(channel), top_signal(view, channel)
@@ -58,7 +62,10 @@ class DarkOffset(Effect):
                     parameters.append(shape("doubling", "K", 4.0, 40.0, 9.0))
                 highest = _highest(view, column)
                 options: dict[str, Option] = {"channel": channel, "temperature": column, "highest": highest}
-                if multiplied:
+                if light:
+                    ratio = _own_gain(view, channel, light)
+                    options |= {"bias": multiplied, "light": light, "most": rounded(float(np.nanmax(ratio)))}
+                elif multiplied:
                     parameters.append(breakdown(view, multiplied))
                     options |= {"bias": multiplied, "highest_bias": view.span(multiplied)[1]}
                 if exposure:
@@ -89,10 +96,13 @@ class DarkOffset(Effect):
         if column:
             colder = above(view, column, float(variant.options["highest"]))
             added = added * np.exp2(np.clip(colder / float(values["doubling"]), -200.0, 8.0))
-        if "bias" in variant.options:
+        if "light" in variant.options:
+            most = float(variant.options["most"])
+            added = added * np.nan_to_num(_own_gain(view, channel, str(variant.options["light"]))) / most
+        elif "bias" in variant.options:
             bias, at = view.number(str(variant.options["bias"])), float(values["breakdown"])
-            most = multiplication(np.full(1, float(variant.options["highest_bias"])), at, _ORDER)
-            added = added * multiplication(bias, at, _ORDER) / most
+            highest = multiplication(np.full(1, float(variant.options["highest_bias"])), at, _ORDER)
+            added = added * multiplication(bias, at, _ORDER) / highest
         if "exposure" in variant.options:
             added = added * view.number(str(variant.options["exposure"])) / float(variant.options["longest"])
         if "gain" in variant.options:
@@ -111,7 +121,9 @@ class DarkOffset(Effect):
             if factor in variant.options:
                 grown += f" * {variant.options[factor]} / {variant.options[most]}"
         law = f"{channel} += dark{grown}"
-        if "bias" in variant.options:
+        if "light" in variant.options:
+            law += f" * sim_{channel} / {variant.options['light']} / {variant.options['most']}"
+        elif "bias" in variant.options:
             gain = f"1 / (1 - ({variant.options['bias']} / breakdown)^2)"
             law += f" * {gain}, over that at {variant.options['highest_bias']} V"
         return f"{law}; {channel}_std^2 += shot * added"
@@ -134,6 +146,12 @@ class DarkOffset(Effect):
 
 _ORDER = 2.0
 """Of Miller's law for a dark signal, whose shape over the bias tells little beside the breakdown voltage."""
+
+
+def _own_gain(view: View, channel: str, light: str) -> FloatArray:
+    """The simulated signal over the logged light that makes it."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(view.sim[channel] / view.number(light))
 
 
 def _gain_column(view: View) -> str:

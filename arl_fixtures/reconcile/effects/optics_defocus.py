@@ -24,7 +24,7 @@ from arl_fixtures.reconcile.effects_common import (
 from arl_fixtures.reconcile.effects_frame import has_frames, ranged_by
 from arl_fixtures.reconcile.effects_pointing import spread_rays
 from arl_fixtures.reconcile.effects_rays import Pose
-from arl_fixtures.reconcile.effects_render import convolved, rendered
+from arl_fixtures.reconcile.effects_render import as_simulated, convolved, rendered
 from arl_fixtures.reconcile.effects_scene import pixel_width, scene
 from arl_fixtures.reconcile.view import View
 
@@ -92,9 +92,11 @@ class Defocus(Effect):
             seen = convolved(view, variance)
         clear = rendered(view)
         if seen is not None and clear is not None:
+            known = as_simulated(view)
             for distance in far:
-                state[distance] = state[distance] + seen[distance] - clear[distance]
-            set_light(view, state, channel, state[channel] * seen[channel] / clear[channel])
+                state[distance] = state[distance] + np.where(known, seen[distance] - clear[distance], 0.0)
+            ratio = np.where(known, seen[channel] / clear[channel], 1.0)
+            set_light(view, state, channel, state[channel] * ratio)
             return
         light, ranges = _blurred(view, state, channel, far, variance)
         for distance, mean in ranges.items():

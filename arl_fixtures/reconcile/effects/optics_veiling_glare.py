@@ -6,10 +6,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
-from arl_fixtures.reconcile.effects_common import GROUPS, amplitude, light_channels, shape, signals
+from arl_fixtures.reconcile.effect import Effect, Option, Parameter, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_common import GROUPS, amplitude, light_channels, rounded, shape, signals
 from arl_fixtures.reconcile.effects_frame import add_stray_light, frame_range, has_frames, ranged_by
 from arl_fixtures.reconcile.effects_image import whole_image
+from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
 _FEW_PIXELS = 400
@@ -17,8 +18,8 @@ _FEW_PIXELS = 400
 
 
 def _is_strewn(view: View) -> bool:
-    """Whether a stage sweeps an image of which the table holds few pixels, and that cannot be rendered."""
-    if not view.varies("stage_angle_deg") or whole_image(view) is not None:
+    """Whether a stage sweeps an image of which the table holds few pixels."""
+    if not view.varies("stage_angle_deg"):
         return False
     images = int(view.columns.group(*GROUPS["frame"]).max()) + 1
     return view.columns.n < _FEW_PIXELS * images
@@ -39,18 +40,25 @@ class VeilingGlare(Effect):
 
     def variants(self, view: View) -> Iterable[Variant]:
         """One per intensity channel of an imaging sensor."""
-        if not has_frames(view):
-            return
+        share = amplitude("share", "1", 0.0, 0.5, 0.01)
         for channel in signals(view):
             moved = ranged_by(view, channel)
-            parameters: tuple[Parameter, ...] = (amplitude("share", "1", 0.0, 0.5, 0.01),)
-            if moved:
-                parameters += (shape("pull", "1", 0.0, 1.5, 1.0, 0.0),)
-            for over in ({}, *([{"over": "sweep"}] if _is_strewn(view) else [])):
+            pull = (shape("pull", "1", 0.0, 1.5, 1.0, 0.0),) if moved else ()
+            overs: list[tuple[dict[str, Option], tuple[Parameter, ...]]] = [({}, pull)] if has_frames(view) else []
+            if overs and _is_strewn(view) and whole_image(view) is None:
+                overs.append(({"over": "sweep"}, pull))
+            light = rounded(float(np.nanmean(view.columns.numbers[f"sim_{channel}"])))
+            if moved and _is_strewn(view):
+                low, high = view.span(f"sim_{moved[0]}")
+                far = shape("far", unit_of(moved[0]), low, high, low + 0.75 * (high - low))
+                overs.append(({"over": "scene", "light": light}, (far,)))
+            if moved:  # the distances tell of light whose mean was taken for the signal's zero
+                overs += [({**over, "zero": light}, shapes) for over, shapes in overs if over.get("over") != "sweep"]
+            for over, shapes in overs:
                 yield Variant(
                     effect=self.id,
                     options={"channel": channel, **over},
-                    parameters=parameters,
+                    parameters=(share, *shapes),
                     channels=tuple(dict.fromkeys((*moved, *light_channels(view, channel)))),
                     drivers=(f"sim_{channel}",),
                 )
@@ -58,6 +66,17 @@ class VeilingGlare(Effect):
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Adds the mean light of the whole image (as far as it is known) with the image's mean range."""
         channel, share = str(variant.options["channel"]), float(values["share"])
+        zero = share * float(variant.options.get("zero", 0.0))
+        if variant.options.get("over") == "scene":
+            add_stray_light(
+                view, state, channel,
+                stray=np.full(view.n, share * float(variant.options["light"])),
+                far={distance: np.full(view.n, float(values["far"])) for distance in ranged_by(view, channel)},
+                pull=1.0,
+                kept=1.0 - share,
+                zero=zero,
+            )  # fmt: skip
+            return
         over, whole = "frame", whole_image(view)
         mean = view.frame_mean(state, channel)
         if "over" in variant.options:
@@ -75,13 +94,20 @@ class VeilingGlare(Effect):
             },
             pull=float(values.get("pull", 0.0)),
             kept=1.0 - share,
+            zero=zero,
         )
 
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel, over = variant.options["channel"], variant.options.get("over", "image")
+        zero = f" - share * {variant.options['zero']}" if "zero" in variant.options else ""
+        if over == "scene":
+            return (
+                f"{channel} = (1 - share) * {channel} + share * {variant.options['light']}{zero}; "
+                "distance += (share of stray light) * (far - distance)"
+            )
         return (
-            f"{channel} = (1 - share) * {channel} + share * mean({channel} of the {over}); "
+            f"{channel} = (1 - share) * {channel} + share * mean({channel} of the {over}){zero}; "
             "distance += pull * (share of stray light) * (mean distance of the image - distance)"
         )
 

@@ -17,12 +17,13 @@ from arl_fixtures.reconcile.effects_common import (
     set_light,
     shape,
 )
-from arl_fixtures.reconcile.effects_render import footprint, rendered
+from arl_fixtures.reconcile.effects_render import as_simulated, footprint, rendered
 from arl_fixtures.reconcile.effects_surface import at_centre, beyond_border, borders, light_share
 from arl_fixtures.reconcile.roles import Role, per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 _PEAKS = ("echo", "locked")
+_SPREAD = ("footprint", "blurred")
 _CLIMBS = 25
 
 
@@ -37,6 +38,7 @@ class EdgeMixing(Effect):
     * both: the other side's light too: more of it is in the pixel than the simulation says.
     * footprint: where the simulation looks through a few sharp rays, the mean of light and range (by light) over what
       the pixel sees, `filled` pixels wide.
+    * blurred: the same over a whole pixel and what a lens adds about it, with the standard deviation `blur`.
     """
 
     id = "target.edge_mixing"
@@ -49,14 +51,18 @@ class EdgeMixing(Effect):
         """Which surface wins, and how much of the other is in it."""
         if is_sharp(view):
             lights = light_channels(view, view.channel(Role.INTENSITY)) if view.channel(Role.INTENSITY) else ()
-            yield Variant(
-                effect=self.id,
-                options={"kind": "footprint"},
-                parameters=(amplitude("share", "1", -0.5, 1.5, 0.5), shape("filled", "px", 0.3, 1.5, 1.0, 0.7)),
-                channels=tuple(dict.fromkeys((*distances(view), *lights))),
-                drivers=tuple(name for name in ("mixed", "surface", "pixel_u") if view.has(name)),
-                rough=True,
-            )
+            for kind, width in (
+                ("footprint", shape("filled", "px", 0.3, 1.5, 1.0, 0.7)),
+                ("blurred", shape("blur", "px", 0.05, 1.2, 0.3)),
+            ):
+                yield Variant(
+                    effect=self.id,
+                    options={"kind": kind},
+                    parameters=(amplitude("share", "1", -0.5, 1.5, 0.5), width),
+                    channels=tuple(dict.fromkeys((*distances(view), *lights))),
+                    drivers=tuple(name for name in ("mixed", "surface", "pixel_u") if view.has(name)),
+                    rough=True,
+                )
         if not view.labels("surface") or not borders(view).any():
             return
         channel = view.channel(Role.INTENSITY)
@@ -81,8 +87,8 @@ class EdgeMixing(Effect):
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Mixes the other side in at borders."""
         share = float(values["share"])
-        if variant.options["kind"] == "footprint":
-            _spread(view, state, share, float(values["filled"]))
+        if variant.options["kind"] in _SPREAD:
+            _spread(view, state, share, float(values.get("filled", 1.0)), float(values.get("blur", 0.0)))
             return
         if variant.options["kind"] in ("dominant", "nearest", *_PEAKS):
             for name in distances(view):
@@ -111,8 +117,9 @@ class EdgeMixing(Effect):
     def expression(self, variant: Variant) -> str:
         """The law."""
         kind = variant.options["kind"]
-        if kind == "footprint":
-            return "signal, distance = share * (mean by light over `filled` pixels) + (1 - share) * simulated"
+        if kind in _SPREAD:
+            over = "`filled` pixels" if kind == "footprint" else "a pixel blurred by `blur`"
+            return f"signal, distance = share * (mean by light over {over}) + (1 - share) * simulated"
         if kind in _PEAKS:
             return "at borders: distance += share * (peak of both surfaces' echoes of length pulse - distance)"
         if kind in ("dominant", "nearest"):
@@ -123,10 +130,11 @@ class EdgeMixing(Effect):
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """The share."""
         kind = variant.options["kind"]
-        if kind == "footprint":
+        if kind in _SPREAD:
+            wide = f"{values['filled']:.2f} pixels' width" if "filled" in values else "a blurred pixel"
             return (
-                f"A pixel mixes what lies in {values['filled']:.2f} pixels' width, by {values['share'] * 100:.0f} %; "
-                "the simulation looks through a few rays."
+                f"A pixel mixes what lies in {wide}, by {values['share'] * 100:.2g} %; the simulation looks through "
+                "a few rays."
             )
         if kind in _PEAKS:
             return (
@@ -151,19 +159,20 @@ class EdgeMixing(Effect):
         )
 
 
-def _spread(view: View, state: State, share: float, filled: float) -> None:
+def _spread(view: View, state: State, share: float, filled: float, blur: float) -> None:
     """Replace a share of what the simulation's rays see by the mean over the pixel."""
-    mean, rays = footprint(view, filled), rendered(view)
+    mean, rays = footprint(view, filled, blur), rendered(view)
     channel = view.channel(Role.INTENSITY)
     if mean is None or rays is None:
         return
+    known = as_simulated(view)
     if not channel:
         for name in distances(view):
-            state[name] = state[name] + share * (mean[name] - rays[name])
+            state[name] = state[name] + np.where(known, share * (mean[name] - rays[name]), 0.0)
         return
-    ratio = np.maximum(1.0 + share * (mean[channel] / rays[channel] - 1.0), 0.01)
+    ratio = np.where(known, np.maximum(1.0 + share * (mean[channel] / rays[channel] - 1.0), 0.01), 1.0)
     for name in distances(view):
-        part = np.clip(share * mean[channel] / rays[channel] / ratio, -2.0, 2.0)
+        part = np.where(known, np.clip(share * mean[channel] / rays[channel] / ratio, -2.0, 2.0), 0.0)
         state[name] = state[name] + part * (mean[name] - rays[name])
     set_light(view, state, channel, state[channel] * ratio)
 

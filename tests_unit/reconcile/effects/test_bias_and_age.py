@@ -74,6 +74,22 @@ def test_a_dark_signal_is_multiplied_as_the_light_is():
     assert left[1] > 10.0 * left[0]
 
 
+def test_a_dark_signal_is_multiplied_as_the_simulation_multiplies_light_by_whatever_law():
+    grid = np.meshgrid(np.linspace(90.0, 150.0, 7), [0.0, 25.0, 50.0], [2.0, 20.0, 90.0])
+    bias, warm, light = (x.ravel() for x in grid)
+    breakdown = 158.0 + 0.14 * (warm - 25.0)
+    gain = 1.0 / (1.0 - (bias / breakdown) ** 3.4)  # and it drifts with the die
+    generated = 0.02 * np.exp2((warm - 25.0) / 9.0)
+    view = view_of(
+        bias_v=bias, detector_temperature_c=warm, optical_power_nw=light, sim_photocurrent_na=0.7 * light * gain,
+        photocurrent_na=(0.7 * light + generated) * gain,
+    )  # fmt: skip
+    known = variant_of(view, "detector.dark_offset", light="optical_power_nw")
+    values = fitted(view, known, "photocurrent_na", dark=0.3, doubling=10.0)
+    assert values["doubling"] == pytest.approx(9.0, rel=0.02)
+    assert left_over(view, corrected(view, known, **values), "photocurrent_na") < 0.01
+
+
 def test_without_a_swept_bias_there_is_no_breakdown_to_tell():
     view = view_of(
         bias_v=np.full(60, 150.0) + 0.1 * np.sin(np.arange(60)), tof_temperature_c=np.linspace(0.0, 60.0, 60),
