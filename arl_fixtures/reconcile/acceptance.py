@@ -106,8 +106,10 @@ def is_as_good(ranked: Ranked, best: Ranked) -> bool:
 
 
 def _before(terms: Sequence[Term]) -> list[Term]:
-    """Terms before the last that share a channel with it."""
-    return [t for t in terms[:-1] if set(t.variant.channels) & set(terms[-1].variant.channels)]
+    """Terms before the last that share a channel with it: of what moves means one of the means."""
+    own = set(terms[-1].variant.channels)
+    own = {name for name in own if not name.endswith("_std")} or own
+    return [t for t in terms[:-1] if set(t.variant.channels) & own]
 
 
 def acts_alone(problem: Problem, terms: Sequence[Term]) -> bool:

@@ -17,6 +17,7 @@ from arl_fixtures.reconcile.dead import bring_back, dead_first
 from arl_fixtures.reconcile.diagnosis import ChannelFit, Finding
 from arl_fixtures.reconcile.effect import Effect, State
 from arl_fixtures.reconcile.findings import (
+    held_out_without,
     law_finding,
     mean_square,
     named_finding,
@@ -31,6 +32,7 @@ from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.law_of_rest import law_of_rest
 from arl_fixtures.reconcile.law_search import search_law
 from arl_fixtures.reconcile.locate import locate
+from arl_fixtures.reconcile.one_cause import join_readouts
 from arl_fixtures.reconcile.other_cause import OtherCauses
 from arl_fixtures.reconcile.patterns import (
     PATTERN_GAIN,
@@ -106,7 +108,13 @@ class Decision:
         self._find_laws()
         self._drop_shadowed()
         self._find_scatters()
-        findings = [named_finding(self, index) for index in range(len(self.best.terms))]
+        findings = join_readouts(
+            [named_finding(self, index) for index in range(len(self.best.terms))],
+            lambda some, channels: held_out_without(
+                self, [t for f in some for t in f.terms], channels, sum(f.strength for f in some)
+            ),
+        )
+        names = len(findings)
         findings += [pattern_finding(self, p) for p in self.patterns]
         findings += [law_finding(self, law) for law in self.laws]
         findings += [scatter_finding(self, s) for s in self.scatters]
@@ -117,7 +125,7 @@ class Decision:
         ]  # fmt: skip
         if not findings:  # beside others, calibration is no finding
             findings = [line_finding(self, d) for d in self.problem.data if d.channel.name in self.search.lines]
-        return ordered(findings, len(self.best.terms)), self._fits()
+        return ordered(findings, names), self._fits()
 
     def _is_constant(self, d: ChannelData) -> bool:
         """Whether a channel that no finding moves is off by a constant that no scatter of its steps explains."""

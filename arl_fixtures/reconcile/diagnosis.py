@@ -52,6 +52,7 @@ class Finding:
     Attributes:
         term: the effect with its values; None for an unknown one.
         law: the empirical law of an unknown one.
+        also: further terms of the same cause, in other channels.
         strength: log-likelihood it gains (order of the findings).
     """
 
@@ -70,6 +71,12 @@ class Finding:
     strength: float = 0.0
     term: Term | None = None
     law: Law | None = None
+    also: list[Term] = field(default_factory=list)
+
+    @property
+    def terms(self) -> list[Term]:
+        """All terms of the cause; none of an unknown one."""
+        return [] if self.term is None else [self.term, *self.also]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

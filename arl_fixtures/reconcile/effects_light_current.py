@@ -31,21 +31,48 @@ def is_swept(view: View, current: str) -> bool:
 
 
 def light_current(view: View, channel: str, current: str) -> tuple[FloatArray, FloatArray]:
-    """The simulation's signal as a function of the drive current, means over 2000 bins."""
+    """The simulation's signal as a function of the drive current, means over levels."""
 
     def make() -> tuple[FloatArray, FloatArray]:
         drive, light = view.columns.numbers[current], view.columns.numbers[f"sim_{channel}"]
         good = np.isfinite(drive) & np.isfinite(light)
-        low, high = view.span(current)
-        bins = np.rint((drive[good] - low) / max(high - low, 1e-300) * 2000.0).astype(np.int64)
-        count = np.bincount(bins, minlength=2001)
-        used = count > 0
-        return (
-            np.bincount(bins, drive[good], 2001)[used] / count[used],
-            np.bincount(bins, light[good], 2001)[used] / count[used],
-        )
+        return _by_levels(drive[good], light[good], *view.span(current))
 
     return per_table(view, ("light-current", channel, current), make)
+
+
+def _by_levels(drive: FloatArray, light: FloatArray, low: float, high: float) -> tuple[FloatArray, FloatArray]:
+    """Means of current and light over parts of the range: a source scatters about the level that it was set to.
+
+    Between two readings of one level the light differs by what else differs: their slope says nothing of the current.
+    """
+    bins = np.rint((drive - low) / max(high - low, 1e-300) * _LEVELS).astype(np.int64)
+    count = np.bincount(bins)
+    used = count > 0
+    return _with_threshold(np.bincount(bins, drive)[used] / count[used], np.bincount(bins, light)[used] / count[used])
+
+
+def _with_threshold(knots: FloatArray, curve: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A curve with the place at which its lines below and above the threshold meet, between two of its levels."""
+    if knots.size < 4:
+        return knots, curve
+    slope = np.diff(curve) / np.diff(knots)
+    below, above = slope[:-2], slope[2:]  # of the parts before and after each inner one
+    k = int(np.argmax(above - below)) + 1  # between levels k and k + 1
+    if above[k - 1] < _KINK * abs(below[k - 1]):
+        return knots, curve
+    steeper = above[k - 1] - below[k - 1]
+    place = (curve[k] - below[k - 1] * knots[k] - curve[k + 1] + above[k - 1] * knots[k + 1]) / steeper
+    if not knots[k] < place < knots[k + 1]:
+        return knots, curve
+    light = curve[k] + below[k - 1] * (place - knots[k])
+    return np.insert(knots, k + 1, place), np.insert(curve, k + 1, light)
+
+
+_KINK = 3.0
+"""How much steeper a curve is above its threshold than below."""
+_LEVELS = 200.0
+"""Parts of a current's range that are told from each other."""
 
 
 def continued(drive: FloatArray, knots: FloatArray, curve: FloatArray) -> FloatArray:
@@ -73,12 +100,14 @@ def _end_slope(away: FloatArray, curve: FloatArray) -> float:
     return float(centred @ curve[near]) / float(centred @ centred)
 
 
-def shifted(view: View, channel: str, current: str, temperature: str, shift: FloatArray) -> FloatArray:
+def shifted(
+    view: View, channel: str, current: str, temperature: str, shift: FloatArray, *, in_proportion: bool = True
+) -> FloatArray:
     """Change of each row's simulated signal where its device's curve lies `shift` (A) further up the current, (n,).
 
     Every device at every temperature has its own curve; where it has too few currents, the mean over all stands. As
     a threshold grows exponentially with temperature, what a kelvin adds is a share of it: the shift is that of the
-    median threshold, and each curve's own is in proportion.
+    median threshold, and each curve's own is in proportion, unless the shift says by itself how it grows.
     """
     drive = view.number(current)
     knots, curve = light_current(view, channel, current)
@@ -90,7 +119,8 @@ def shifted(view: View, channel: str, current: str, temperature: str, shift: Flo
     for index, found in own.items():
         rows = np.flatnonzero(code == index)
         if rows.size:
-            further = shift[rows] * (thresholds[index] / middle if thresholds[index] > 0.0 else 1.0)
+            own_share = thresholds[index] / middle if in_proportion and thresholds[index] > 0.0 else 1.0
+            further = shift[rows] * own_share
             moved[rows] = continued(drive[rows] - further, *found) - continued(drive[rows], *found)
     return np.asarray(np.nan_to_num(moved))
 
@@ -121,9 +151,9 @@ def _own_curves(
         order = order[good[order]]
         own = {}
         for rows in np.split(order, np.flatnonzero(np.diff(code[order])) + 1):
-            knots, place, count = np.unique(drive[rows], return_inverse=True, return_counts=True)
+            knots, curve = _by_levels(drive[rows], light[rows], *view.span(current))
             if knots.size >= _FEWEST:
-                own[int(code[rows[0]])] = knots, np.bincount(place, light[rows]) / count
+                own[int(code[rows[0]])] = knots, curve
         return code, own
 
     return per_table(view, ("own light-current", channel, current), make)

@@ -55,7 +55,7 @@ def named_finding(decision: Decision, index: int) -> Finding:
         effect=effect.id, channels=channels, where=where, drivers=effect.drivers(term.variant, term.values, view),
         expression=effect.expression(term.variant), source=effect.source, parameters=_parameters(decision, index),
         statement=statement(sentence, where, twins), alternatives=alternatives, equivalent_to=twins,
-        held_out=_held_out(decision, index, channels, gain), strength=gain, term=term,
+        held_out=held_out_without(decision, [term], channels, gain), strength=gain, term=term,
         next_experiment=_separating(effect.next_experiment(term.variant), tests),
     )  # fmt: skip
 
@@ -132,8 +132,11 @@ def _alternatives(
     return alternatives[:6], twins
 
 
-def _held_out(decision: Decision, index: int, channels: Sequence[str], gain: float) -> HeldOut:
-    rest = tuple(t for k, t in enumerate(decision.terms) if k != index)
+def held_out_without(
+    decision: Decision, left_out: Sequence[Term], channels: Sequence[str], gain: float
+) -> HeldOut:
+    """Before and after of terms that are left out, over channels."""
+    rest = tuple(t for t in decision.terms if all(t is not own for own in left_out))
     before_state = forward(rest, decision.problem.view)
     after = decision.cross_fitted()
     data = [d for d in decision.problem.data if d.channel.name in channels]

@@ -63,7 +63,7 @@ def _piece(
     terms = terms_of(model, view, path)
     state = corrected_state(model, terms, view)
     shares: dict[str, list[tuple[int, FloatArray]]] = {c.name: [] for c in columns.channels}
-    numbers = [k + 1 for k, f in enumerate(findings) if f.term is not None]
+    numbers = [k + 1 for k, f in enumerate(findings) for _ in f.terms]
     whole = forward(terms, view)
     for place, number in enumerate(numbers):
         without = forward([t for k, t in enumerate(terms) if k != place], view)

@@ -139,7 +139,7 @@ def model_of(
     """
     return ModelFile(
         unit_columns=list(unit_columns),
-        effects=[_effect_file(f.term) for f in diagnosis.findings if f.term is not None],
+        effects=[_effect_file(term) for f in diagnosis.findings for term in f.terms],
         unknown=[_law_file(f.law) for f in diagnosis.findings if f.law is not None],
         calibration=diagnosis.constants,
         zeros=dict(zeros or {}),

@@ -190,7 +190,7 @@ class _Maker:
         }  # fmt: skip
 
     def _without(self, f: Finding) -> State:
-        return forward([t for t in self.decision.terms if t is not f.term], self.view)
+        return forward([t for t in self.decision.terms if all(t is not own for own in f.terms)], self.view)
 
     def _data(self, name: str) -> ChannelData | None:
         return next((d for d in self.decision.problem.data if d.channel.name == name), None)

@@ -41,7 +41,7 @@ _PER_METRE = {
     "m": 1.0, "mm": 1e3, "cm": 1e2, "km": 1e-3, "ns": 2e9 / _LIGHT_SPEED_M_S, "ps": 2e12 / _LIGHT_SPEED_M_S,
 }  # fmt: skip
 """Units of a distance in a metre; a time of flight counts the way there and back."""
-_FLIGHT_WORDS = ("tof", "flight", "delay", "echo_time", "round_trip", "return_time")
+_FLIGHT_WORDS = ("tof", "flight", "delay", "arrival", "echo_time", "round_trip", "return_time")
 _SUPPLY_WORDS = ("rail", "laser", "supply", "bias", "tec", "pump", "heater", "drive", "battery", "clock", "rate")
 _VISIT_WORDS = (
     "step", "stop", "readout", "read_out", "visit", "position", "placement", "station", "pose", "point", "setting",

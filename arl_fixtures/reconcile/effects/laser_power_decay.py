@@ -26,6 +26,7 @@ from arl_fixtures.reconcile.effects_common import (
 )
 from arl_fixtures.reconcile.effects_history import History, history, on_rows, time_column
 from arl_fixtures.reconcile.effects_light_current import is_swept, shifted
+from arl_fixtures.reconcile.effects_one_laser import all_readouts, apply_to_all, with_all_readouts
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
@@ -52,6 +53,9 @@ class PowerDecay(LightFactor):
 
     def variants(self, view: View) -> Iterable[Variant]:
         """One per column that counts age, and one per time weighted by temperature."""
+        return with_all_readouts(self._variants(view), view)
+
+    def _variants(self, view: View) -> Iterable[Variant]:
         columns = age_drivers(view)
         warm = temperature_drivers(view, "laser_temperature_c", "housing_temperature_c", limit=2)
         currents = [name for name in view.currents() if is_swept(view, name)]
@@ -118,13 +122,14 @@ class PowerDecay(LightFactor):
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Moves the light-current curve where there is one, then multiplies the light."""
-        if "current" not in variant.options:
+        if "current" in variant.options:
+            channel, current = str(variant.options["channel"]), str(variant.options["current"])
+            rise = float(values["threshold_rise"]) * _worn(variant, values, view)
+            light = state[channel] + shifted(view, channel, current, "", rise)
+            set_light(view, state, channel, light * self.factor(variant, values, view))
+        else:
             super().apply(variant, values, state, view)
-            return
-        channel, current = str(variant.options["channel"]), str(variant.options["current"])
-        rise = float(values["threshold_rise"]) * _worn(variant, values, view)
-        light = state[channel] + shifted(view, channel, current, "", rise)
-        set_light(view, state, channel, light * self.factor(variant, values, view))
+        apply_to_all(self, variant, values, state, view)
 
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Relative power at the row's age, but for a threshold."""
@@ -133,6 +138,9 @@ class PowerDecay(LightFactor):
 
     def expression(self, variant: Variant) -> str:
         """The law."""
+        return all_readouts(variant, self._expression(variant))
+
+    def _expression(self, variant: Variant) -> str:
         channel, column = variant.options["channel"], variant.options["age"]
         if variant.options["temperature"]:
             warm = variant.options["temperature"]

@@ -21,8 +21,9 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
     temperature_drivers,
 )
-from arl_fixtures.reconcile.effects_light_current import continued, is_swept, light_current, shifted
+from arl_fixtures.reconcile.effects_light_current import is_swept, shifted
 from arl_fixtures.reconcile.effects_logged import step_mean
+from arl_fixtures.reconcile.effects_one_laser import all_readouts, apply_to_all, with_all_readouts
 from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.view import View
 
@@ -51,6 +52,9 @@ class ThermalRolloff(LightFactor):
 
     def variants(self, view: View) -> Iterable[Variant]:
         """By the laser's temperature first, then the housing's; the curve where a drive current varies."""
+        return with_all_readouts(self._variants(view), view)
+
+    def _variants(self, view: View) -> Iterable[Variant]:
         columns = temperature_drivers(view, "laser_temperature_c", "heatsink_temperature_c", "housing_temperature_c")
         currents = view.currents()
         for channel in signals(view):
@@ -145,12 +149,9 @@ class ThermalRolloff(LightFactor):
         channel = str(variant.options["channel"])
         light = state[channel]
         if variant.options["kind"] in _CURVES:
-            current = str(variant.options["current"])
-            drive = view.number(current)
-            shift = values["threshold_shift"] * _grown(variant, values, view)
-            knots, curve = light_current(view, channel, current)
-            moved = continued(drive - shift, knots, curve) - continued(drive, knots, curve)
-            light = light + np.nan_to_num(moved)
+            current, column = str(variant.options["current"]), str(variant.options["temperature"])
+            shift = float(values["threshold_shift"]) * _grown(variant, values, view)
+            light = light + shifted(view, channel, current, column, shift, in_proportion=False)
         if variant.options["kind"] == "own heat":
             current, column = str(variant.options["current"]), str(variant.options["temperature"])
             warm = _own_heat(variant, values, view)
@@ -159,9 +160,13 @@ class ThermalRolloff(LightFactor):
             if voltage:
                 state[voltage] = state[voltage] - float(values["voltage_drop"]) * warm
         set_light(view, state, channel, light * self.factor(variant, values, view))
+        apply_to_all(self, variant, values, state, view)
 
     def expression(self, variant: Variant) -> str:
         """The law."""
+        return all_readouts(variant, self._expression(variant))
+
+    def _expression(self, variant: Variant) -> str:
         channel, column = variant.options["channel"], variant.options["temperature"]
         if variant.options["kind"] == "knee":
             return f"{channel} *= exp(-slope * max({column} - knee, 0))"

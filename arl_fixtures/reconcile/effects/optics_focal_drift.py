@@ -32,6 +32,7 @@ from arl_fixtures.reconcile.effects_pointing import (
 )
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.effects_scene import scene
+from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 
@@ -119,6 +120,10 @@ class FocalDrift(Effect):
 
 _FURTHEST_K = 40.0
 """Kelvins beyond the table's temperatures within which a focal length was measured."""
+_FARTHEST_M = 15.0
+"""Range beyond which none is triangulated: a base of centimetres would tell metres there by parts of a pixel."""
+_TIMED_WORDS = ("echo", "photon", "return", "pulse", "arrival")
+"""Words in the name of a channel or condition that say that light's way was timed."""
 
 
 def _triangulated(effect: str, view: View) -> Iterable[Variant]:
@@ -127,9 +132,11 @@ def _triangulated(effect: str, view: View) -> Iterable[Variant]:
         return
     if any(is_of(name, "tof", "fpga", "tdc") for name in view.temperatures()):
         return
+    if any(word in name for name in (*view.covariates(), *view.sim) for word in _TIMED_WORDS):
+        return
     for distance in distances(view):
         low, high = view.span(f"sim_{distance}")
-        if not (low > 0.0 and high > 2.0 * low):
+        if not (low > 0.0 and 2.0 * low < high < _FARTHEST_M * per_metre(unit_of(distance))):
             continue
         for column in temperature_drivers(view, "lens_temperature_c", "housing_temperature_c", limit=1):
             cold, hot = view.span(column)

@@ -74,7 +74,7 @@ class ContactResistance(Effect):
         name, plate = str(variant.options["channel"]), str(variant.options["plate"])
         gap = float(np.nanmedian(view.number(f"sim_{name}") - view.number(plate))) if view.n else 0.0
         return (
-            f"The contact of {name} to its plate has {values['excess'] * 100:+.0f} % resistance: it lies "
+            f"The contact of {name} to its plate has {values['excess'] * 100:+.1f} % resistance: it lies "
             f"{values['excess'] * gap:+.2f} K off when settled, and follows ramps later."
         )
 

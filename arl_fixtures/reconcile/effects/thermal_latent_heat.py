@@ -95,7 +95,7 @@ class LatentHeat(Effect):
         """Size of the plateau."""
         return (
             f"{variant.options['channel']} is held at {values['melting_point']:.1f} °C by melting or freezing water "
-            f"({values['latent']:.1f} K worth of its heat capacity)."
+            f"({values['latent']:.2g} K worth of its heat capacity)."
         )
 
     def next_experiment(self, variant: Variant) -> str:

@@ -48,3 +48,57 @@ def test_below_its_threshold_a_laser_gives_no_light_and_not_less():
     )
     assert state["photodiode_w"].min() >= 0.0
     assert left_over(view, state, "photodiode_w") < 0.01
+
+
+def rack(read_outs):
+    """Five units with thresholds and slopes of their own, driven near 18 levels, warmed by what is not light."""
+    rng = np.random.default_rng(9)
+    level, warm, unit = (
+        x.ravel() for x in np.meshgrid(np.linspace(0.05, 1.2, 18), np.linspace(8.0, 60.0, 9), np.arange(5))
+    )
+    current = level * (1.0 + 2e-3 * rng.normal(size=level.size))
+    sink = warm + 0.25 * rng.normal(size=level.size)
+    threshold = 0.15 * (1.0 + 0.05 * rng.normal(size=5))[unit.astype(int)]
+    slope = 0.9 * (1.0 + 0.04 * rng.normal(size=5))[unit.astype(int)]
+
+    def light(per_kelvin):
+        power = slope * np.maximum(current - threshold, 0.0)
+        for _ in range(40):  # what is neither light nor lost below threshold warms the junction, at 9 K/W
+            junction = sink + 9.0 * (1.8 * current - power)
+            moved = threshold * np.exp(per_kelvin * (junction - 25.0))
+            power = slope * np.exp(-0.35 * per_kelvin * (junction - 25.0)) * np.maximum(current - moved, 0.0)
+        return power
+
+    cold, real = light(0.0), light(2e-4)
+    columns = {"laser_current_a": current, "heat_sink_temperature_c": sink, "set_temperature_c": warm}
+    for name, share in read_outs.items():
+        columns |= {f"sim_{name}": share * cold, name: share * real}
+    labels = {"dut": np.array([f"u{k:.0f}" for k in unit])}
+    return View(make_columns(columns, labels, shuffle=None)[0]), current - threshold
+
+
+def test_devices_near_their_thresholds_move_along_their_own_curves():
+    view, above = rack({"optical_power_w": 1.0})
+    variant = variant_of(view, "laser.thermal_rolloff", kind="junction", temperature="heat_sink_temperature_c")
+    state = corrected(
+        view, variant, threshold_shift=0.15 * 2e-4, loss=0.35 * 2e-4, heating=12.0, exponent=1.3, growth=0.0,
+        reference=25.0,
+    )  # fmt: skip
+    change, left = (view.number("optical_power_w") - x["optical_power_w"] for x in (view.sim, state))
+    for low, high in ((0.02, 0.12), (0.12, 0.4), (0.4, 2.0)):
+        near = (above > low) & (above < high)
+        assert near.sum() > 20
+        assert np.sum(left[near] ** 2) < 0.03 * np.sum(change[near] ** 2)
+
+
+def test_what_a_laser_does_all_that_see_its_light_show():
+    view, _ = rack({"optical_power_w": 1.0, "monitor_current_a": 4e-4, "ambient_light_w": 1e-3})
+    joint = variant_of(view, "laser.thermal_rolloff", kind="curve", seen_in="monitor_current_a")
+    values = {"threshold_shift": 3e-5, "loss": 7e-5, "reference": 20.0}
+    state = corrected(view, joint, **values)
+    for channel in ("optical_power_w", "monitor_current_a"):
+        alone = variant_of(view, "laser.thermal_rolloff", kind="curve", channel=channel)
+        np.testing.assert_allclose(state[channel], corrected(view, alone, **values)[channel], rtol=1e-12)
+        assert left_over(view, state, channel) < 0.3
+    np.testing.assert_array_equal(state["ambient_light_w"], view.sim["ambient_light_w"])
+    assert {"optical_power_w", "monitor_current_a"} <= set(joint.channels)

@@ -1,0 +1,66 @@
+"""A bad contact warms all that stands on it: a network of heat marched in time, read in two places, told once."""
+
+import json
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from arl_fixtures.reconcile.command import predict, reconcile
+
+DT = 5.0
+
+
+def march(drive, contact_k_w):
+    """Housing (900 J/K, 12 W) on the plate, the die (60 J/K, 2 W) on the housing through 1.5 K/W."""
+    housing, die = np.empty((2, drive.size))
+    h, d = drive[0] + 14.0 * contact_k_w, drive[0] + 14.0 * contact_k_w + 3.0
+    for k, plate in enumerate(drive):
+        flow = (d - h) / 1.5
+        h += DT * ((plate - h) / contact_k_w + flow + 12.0) / 900.0
+        d += DT * (2.0 - flow) / 60.0
+        housing[k], die[k] = h, d
+    return housing, die
+
+
+@pytest.fixture(scope="module")
+def plant():
+    rng = np.random.default_rng(12)
+    setpoints = np.repeat([20.0, 45.0, 70.0, 85.0, 50.0, 10.0, -20.0, -35.0, 0.0, 25.0], 240)
+    drive = np.empty_like(setpoints)
+    now = 20.0
+    for k, goal in enumerate(setpoints):
+        now += np.clip(goal - now, -0.2, 0.2)
+        drive[k] = now
+    rows = np.arange(0, drive.size, 12)
+    parts = []
+    for dut, real in (("a", 0.9), ("b", 0.9 * 1.05), ("c", 0.9)):
+        sim, true = march(drive, 0.9), march(drive, real)
+        part = {
+            "dut": np.full(rows.size, dut), "step": (rows // 240).astype(float), "time_s": DT * rows,
+            "plate_temperature_c": drive[rows],
+        }  # fmt: skip
+        for name, simulated, measured in zip(("housing", "tof"), sim, true, strict=True):
+            channel = f"{name}_temperature_c"
+            part[f"sim_{channel}"] = simulated[rows]
+            part[f"sim_{channel}_std"] = np.full(rows.size, 0.1)
+            part[channel] = measured[rows] + rng.normal(0.0, 0.1, rows.size)
+        parts.append(part)
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def test_one_bad_contact_is_one_finding_that_mends_both(plant, save, tmp_path):
+    held = plant["step"] == 4.0
+    reconcile(save(tmp_path / "t.parquet", {n: x[~held] for n, x in plant.items()}), tmp_path / "out")
+    findings = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["findings"]
+    assert [f["effect"] for f in findings] == ["thermal.contact_resistance"]
+    assert set(findings[0]["channels"]) == {"housing_temperature_c", "tof_temperature_c"}
+    assert findings[0]["where"] == {"dut": ["b"]}
+    names = [p["name"] for p in findings[0]["law"]["parameters"]]
+    assert len(set(names)) == len(names)
+    blind = {n: x[held] for n, x in plant.items() if n not in {"housing_temperature_c", "tof_temperature_c"}}
+    predict(tmp_path / "out", save(tmp_path / "u.parquet", blind), tmp_path / "p.parquet")
+    for channel in findings[0]["channels"]:
+        corrected = pq.read_table(tmp_path / "p.parquet")[f"corrected_{channel}"].to_numpy()
+        left, before = (np.mean((plant[channel][held] - x) ** 2) for x in (corrected, plant[f"sim_{channel}"][held]))
+        assert left - 0.01 < 0.1 * (before - 0.01)
