@@ -197,6 +197,11 @@ class ChannelData:
             second = Level(name="unit", code=self.unit, count=self.units, scale=scale, floor=size)
             self.levels = (second, *self.levels)
 
+    def hold_second(self) -> None:
+        """Take the units' second constant away again."""
+        self.levels = tuple(level for level in self.levels if level.name != "unit")
+        self.rebuild({name: tau for name, tau in self.tau.items() if name != "unit"})
+
     @property
     def second(self) -> FloatArray | None:
         """What a second constant of its unit changes in each row, None where units have but one."""

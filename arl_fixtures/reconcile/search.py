@@ -41,6 +41,8 @@ from arl_fixtures.reconcile.pixel_calibration import zero_fitted
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.ranking import POLISHED, polished, rank
 from arl_fixtures.reconcile.readings import smooth_readings
+from arl_fixtures.reconcile.rivals import is_structure
+from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.sampling import draw_rows
 from arl_fixtures.reconcile.screen import Candidate, Screening, Surcharge, all_variants, screen
 from arl_fixtures.reconcile.settling import gains_of, settle, shortlist
@@ -189,6 +191,7 @@ class Search:
             stage = self._round(best, screening, chance)
             if round_number == 0:
                 stage = self._constants_explained(best, stage, chance)
+                stage = self._behind_zeros(stage, chance)
             stages.append(stage)
             if stage.chosen is None:
                 break
@@ -332,6 +335,45 @@ class Search:
         chosen = max(sure, key=lambda r: r.gain)
         p_value = chance.p_value(evidence(chosen, self.surcharge))
         return Stage(base=bare, threshold=stage.threshold, p_value=p_value, ranked=other.ranked, chosen=chosen)
+
+    def _behind_zeros(self, stage: Stage, chance: Screening) -> Stage:
+        """Try the effects behind zeros that a user fitted to each unit's signal: they took the effect's mean along.
+
+        The zeros must earn what they cost in likelihood, and the effect beside them what it must otherwise.
+        """
+        signals = [
+            d.channel.name for d in self.full.data
+            if d.channel.role is Role.INTENSITY and d.calibrated and d.second is None
+            and is_structure(self.before[d.channel.name])
+        ]  # fmt: skip
+        if not signals:
+            return stage
+        self._free_zeros(signals, free=True)
+        bare = finish(self.full, fit(self.full, ()))
+        handicap = max(stage.base.log_likelihood - bare.log_likelihood, 0.0)
+        other = self._round(bare, self._screen((), with_chance=False), chance)
+        for r in other.ranked:
+            r.gain -= handicap
+            r.robust = min(r.robust, r.gain)
+        least = stage.threshold if stage.chosen is None else max(stage.chosen.gain + SECOND_NAME, stage.threshold)
+        chosen = other.chosen
+        if chosen is None or chosen.gain <= least or evidence(chosen, self.surcharge) <= stage.threshold:
+            self._free_zeros(signals, free=False)
+            return stage
+        return Stage(
+            base=bare, threshold=stage.threshold, ranked=other.ranked, chosen=chosen,
+            p_value=chance.p_value(evidence(chosen, self.surcharge)),
+        )  # fmt: skip
+
+    def _free_zeros(self, channels: Sequence[str], *, free: bool) -> None:
+        for problem in {id(p): p for p in (self.full, self.small)}.values():
+            for d in problem.data:
+                if d.channel.name in channels:
+                    if free:
+                        d.free_zero()
+                        d.rebuild(d.tau)
+                    else:
+                        d.hold_second()
 
     def _free_constants(self, channels: Sequence[str], *, free: bool) -> None:
         for problem in (self.full, self.small):

@@ -20,6 +20,8 @@ from arl_fixtures.reconcile.effects_common import (
 from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
+_STEEPEST = 1.5
+"""Largest exponent of a walk: a straight edge has 1, and one that starts flat less (t^n crosses at I^(-1/n))."""
 RETURN = "expected return"
 """What stands for the signal where none was recorded."""
 
@@ -27,8 +29,8 @@ RETURN = "expected return"
 class RangeWalk(Effect):
     """D += walk·(w(I / reference) − w(1)), I the signal as earlier stages left it, reference the table's median.
 
-    * edge: w(x) = x^(−exponent) / exponent. 1 is a linear edge (1/I), 0 an exponential one (−ln I), more a steeper
-      foot, negative exponents flatten towards weak returns.
+    * edge: w(x) = x^(−exponent) / exponent. 1 is a linear edge (1/I), 0 an exponential one (−ln I), negative
+      exponents flatten towards weak returns.
     * pulse: w(x) = −sqrt(2·ln(x / threshold)), the crossing of a Gaussian pulse's leading edge; `walk` is then the
       pulse's standard deviation as a range. It runs away near the threshold as no power does.
 
@@ -60,7 +62,7 @@ class RangeWalk(Effect):
                         },
                         parameters=(
                             amplitude("walk", unit_of(distance), -2.0 * size, 2.0 * size, 0.005 * size),
-                            shape("exponent", "1", -2.5, 2.5, 0.5, 1.2)
+                            shape("exponent", "1", -2.5, _STEEPEST, 0.5, 1.2)
                             if kind == "edge"
                             else shape("threshold", "1", 1e-4, 0.9, 0.02),
                         ),
