@@ -28,7 +28,7 @@ _SIGNAL_NAMES = frozenset(
     {"counts", "cnt", "adu", "dn", "electrons", "hits", "events", "grey", "gray", "strength", "peak", "amp"}
 )
 """Words that name light only when they stand alone between underscores: `lamp_v` is no amplitude."""
-_DETECTOR_NAMES = frozenset({"monitor", "pd", "mpd", "apd", "pmt", "sipm", "spad"})
+_DETECTOR_NAMES = frozenset({"monitor", "pd", "mpd", "apd", "pmt", "sipm", "spad", "dc", "dark", "anode", "cathode"})
 _CURRENTS = {"a", "ma", "ua", "na"}
 """A detector's current is light: a laser's monitor diode, say."""
 _SIGNAL_UNITS = {
@@ -104,6 +104,8 @@ def role_of(name: str, channels: frozenset[str] | set[str] = frozenset()) -> Rol
     ['intensity', 'intensity', 'intensity', 'other', 'other']
     >>> [role_of(name).value for name in ("monitor_current_ua", "monitor_v", "apd_bias_v")]
     ['intensity', 'other', 'other']
+    >>> [role_of(name).value for name in ("dc_current_a", "dark_current_na", "laser_current_a")]
+    ['intensity', 'intensity', 'other']
     >>> [role_of(name).value for name in ("counts", "peak_v", "lamp_v", "depth_cm", "tof_ps", "width_ns")]
     ['intensity', 'intensity', 'other', 'distance', 'distance', 'other']
     """
@@ -140,10 +142,10 @@ def per_metre(unit: str) -> float:
 def is_aside(name: str) -> bool:
     """Whether a channel's name says that its light is not the return's.
 
-    >>> is_aside("ambient_counts"), is_aside("intensity_counts"), is_aside("monitor_current_ua")
-    (True, False, True)
+    >>> is_aside("ambient_counts"), is_aside("intensity_counts"), is_aside("monitor_current_ua"), is_aside("dc_v")
+    (True, False, True, True)
     """
-    return any(word in name for word in ("ambient", "background", "monitor", "dark"))
+    return any(word in name for word in ("ambient", "background", "monitor", "dark")) or "dc" in name.split("_")
 
 
 def may_be_light(name: str) -> bool:
