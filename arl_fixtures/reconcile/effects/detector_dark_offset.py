@@ -38,6 +38,7 @@ class DarkOffset(Effect):
 
     id = "detector.dark_offset"
     stage = Stage.DETECTOR
+    essential = "dark"  # a zero alone is no dark signal
     source = (
         "Sze, Ng, Physics of Semiconductor Devices (2007), sec. 2.4: generation current, doubling every 8 to 10 K"
     )
