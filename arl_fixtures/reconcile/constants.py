@@ -30,7 +30,7 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
     whole as far as the simulation agrees with the rows' mean better than steps and images that differ by chance
     would let it, which only a calibration on these rows does. Either way it is no larger than what the findings make
     of the mean of some step: nothing else was there to be calibrated away, and a law's zero shifts no more. Beyond
-    that, and elsewhere, it must be significant.
+    that, and elsewhere, it must be significant. Beside a law that is nil at an arbitrary place it is what rows say.
     """
     problem = decision.problem
     state, untouched = decision.final_state(), problem.view.fresh_state()
@@ -43,6 +43,8 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
         d.follow(state)
         acted = not np.array_equal(state[d.channel.name], untouched[d.channel.name], equal_nan=True)
         sure = 1.0 if d.channel.name in lawful else NAMED_ERRORS
+        if any(t.effect.floating and d.channel.name in t.variant.channels[:1] for t in decision.terms):
+            sure = 0.0
         values, errors = _shrunk(d, d.residual(state), sure) if acted else _plain(d, d.residual(state))
         if acted:
             reach = reach_of(d, d.residual(untouched) - d.residual(state))

@@ -192,6 +192,8 @@ class Effect(ABC):
     """Whether its law is a plain number or share, which leaves a real one no other shape."""
     weather: ClassVar[bool] = False
     """Whether its strength also hangs on moisture or dirt of the day, which is seldom recorded."""
+    floating: ClassVar[bool] = False
+    """Whether its law is nil at an arbitrary place: a constant beside it is then no calibration."""
     essential: ClassVar[str] = ""
     """Parameter that must be told from none for the name: without it what a variant says more is another effect's."""
     confusable: ClassVar[tuple[str, ...]] = ()

@@ -40,6 +40,7 @@ class RangeWalk(Effect):
 
     id = "timing.range_walk"
     stage = Stage.TIMING
+    floating = True  # nil at the table's median signal, for want of a better one
     source = "Kilpelä et al., Rev. Sci. Instrum. 72 (2001) 13: timing discriminators, walk error of leading edges"
     confusable = ("detector.pile_up", "air.multipath", "optics.veiling_glare")
 
