@@ -17,6 +17,16 @@ def constant_z(d: ChannelData, state: State) -> float:
     return float(np.max(np.abs(d.constants(d.residual(state))) / d.constant_errors))
 
 
+def zero_z(d: ChannelData, state: State) -> float:
+    """Largest significance of a unit's zero beside its gain."""
+    left, most = d.whiten(d.residual(state)), 0.0
+    for unit in range(d.units):
+        own = d.whiten((d.unit == unit).astype(np.float64))
+        power = float(own @ own)
+        most = max(most, abs(float(own @ left)) / np.sqrt(power) if power > 0.0 else 0.0)
+    return most
+
+
 def constants_alone(problem: Problem, state: State, channels: Sequence[str]) -> dict[str, float]:
     """What the constants of one unit alone gain in channels, less their price, by the unit's label.
 

@@ -32,7 +32,7 @@ from arl_fixtures.reconcile.derived_rays import derive_rays
 from arl_fixtures.reconcile.effect import Effect
 from arl_fixtures.reconcile.effects_bench import is_zero_fitted
 from arl_fixtures.reconcile.fit import Fit, finish, fit, hold_back_edges
-from arl_fixtures.reconcile.free_constants import constant_z, constants_alone
+from arl_fixtures.reconcile.free_constants import constant_z, constants_alone, zero_z
 from arl_fixtures.reconcile.grouping import find_groups, typical_gaps
 from arl_fixtures.reconcile.noise import ordered_like
 from arl_fixtures.reconcile.own_driver import drives_another_part
@@ -54,6 +54,8 @@ FULL_ROWS = 48_000
 MOST_TERMS = 4
 CLEAR_CONSTANT = 5.0
 """Standard errors from which a unit's constant is worth explaining."""
+LEAST_ZERO = 3.0
+"""Standard errors by which an effect leaves a unit's signal a zero, from which the zero may have hidden it."""
 LEVEL_NAME, LEVEL_FURTHER = 0.95, 0.99
 """Quantile of chance's best gain that a first name and further ones must exceed. Chance is simulated with white noise
 and free looks; a candidate pays for its shapes and for errors that groups share besides, so that on tables without a
@@ -345,6 +347,7 @@ class Search:
             d.channel.name for d in self.full.data
             if d.channel.role is Role.INTENSITY and d.calibrated and d.second is None
             and is_structure(self.before[d.channel.name])
+            and (stage.chosen is None or zero_z(d, stage.chosen.fit.state) > LEAST_ZERO)
         ]  # fmt: skip
         if not signals:
             return stage
