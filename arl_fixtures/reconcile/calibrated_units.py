@@ -14,10 +14,11 @@ from itertools import combinations
 
 import numpy as np
 
+from arl_fixtures.reconcile.channel_data import CALIBRATED, ChannelData
 from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray
 from arl_fixtures.reconcile.model_file import unit_keys
 from arl_fixtures.reconcile.pilot import Structure
-from arl_fixtures.reconcile.problem import CALIBRATED, ChannelData, Problem
+from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
 

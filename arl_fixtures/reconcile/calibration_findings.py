@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from arl_fixtures.reconcile.calibrated_units import fitted_lines
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.diagnosis import Finding, ParameterValue
 from arl_fixtures.reconcile.findings import held_out_of
 from arl_fixtures.reconcile.model_file import unit_keys
-from arl_fixtures.reconcile.problem import ChannelData
 
 if TYPE_CHECKING:
     from arl_fixtures.reconcile.decide import Decision

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.special import expit
 
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.decide import Decision
 from arl_fixtures.reconcile.model_file import unit_keys
 from arl_fixtures.reconcile.noise import Level
-from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.roles import Role
 
 CONSTANT_Z = 3.5

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.fit import Fit, with_vector
-from arl_fixtures.reconcile.problem import FOLDS, ChannelData, Problem
+from arl_fixtures.reconcile.problem import FOLDS, Problem
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.terms import Term, forward
 

@@ -10,8 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from arl_fixtures.reconcile.acceptance import LEAST_SCATTER, MISFIT_SHARE, PRICE
+from arl_fixtures.reconcile.acceptance import LEAST_SCATTER, MISFIT_SHARE
 from arl_fixtures.reconcile.calibration_findings import constant_finding, line_finding
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.cross_fit import cross_fitted
 from arl_fixtures.reconcile.dead import bring_back, dead_first
 from arl_fixtures.reconcile.diagnosis import ChannelFit, Finding
@@ -30,10 +31,7 @@ from arl_fixtures.reconcile.followed import followed_law
 from arl_fixtures.reconcile.free_constants import constant_z
 from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.law_of_rest import law_of_rest
-from arl_fixtures.reconcile.law_search import search_law
-from arl_fixtures.reconcile.locate import locate
 from arl_fixtures.reconcile.one_cause import join_readouts
-from arl_fixtures.reconcile.other_cause import OtherCauses
 from arl_fixtures.reconcile.patterns import (
     PATTERN_GAIN,
     Pattern,
@@ -42,33 +40,26 @@ from arl_fixtures.reconcile.patterns import (
     find_scatter,
     is_calibration,
 )
-from arl_fixtures.reconcile.problem import ChannelData, Problem
+from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.rivals import (
-    LEAST_Z,
     has_other_place,
     is_outdone,
     is_structure,
     lies_where_names_act,
-    mends_the_same,
-    needed_by_law,
     pictures_beside,
-    plain_change,
     plain_gain,
     says_the_same,
     share_beside,
 )
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.search import Found, Search
+from arl_fixtures.reconcile.standing import Standing
 from arl_fixtures.reconcile.steadiness import is_unsteady
-from arl_fixtures.reconcile.step_means import acts_within_steps, leaves_other_rows, left_in_steps
 from arl_fixtures.reconcile.terms import Term, forward
 from arl_fixtures.reconcile.unit_conditions import law_of_units
 
 LEAST_ENERGY = 1.0
 """Squared standard errors by which an effect must move a channel to act in it."""
-LEFT_SHARE, LEFT_AT_EDGES = 0.25, 0.6
-"""Largest share of a channel's mismatch that may stay predictable under a name; where names and what is left both
-tell of edges, whose two sides a pixel shares by a part that no column tells."""
 UNKNOWN_SHARE = 0.08
 """Share above which what is left is reported as a finding of its own."""
 SCATTER_SHARE = 0.4
@@ -98,7 +89,7 @@ class Decision:
         self.fallen: dict[str, Law] = {}
         self.refused: set[str] = set()
         self.after = dict(found.after)
-        self._causes = OtherCauses(found.looker)
+        self.standing = Standing(self)
 
     def run(self) -> tuple[list[Finding], dict[str, ChannelFit]]:
         """All findings, strongest first, and the agreement of each channel."""
@@ -171,41 +162,6 @@ class Decision:
         for d in self.problem.data:
             self.after[d.channel.name] = self.found.looker.look(d, state)
 
-    def left_share(self, name: str) -> float:
-        """Share of a channel's mismatch that stays predictable."""
-        left = self.after[name]
-        if not is_structure(left):
-            d = next(d for d in self.problem.data if d.channel.name == name)
-            seen = is_structure(self.found.before[name])
-            return left_in_steps(self.problem, d, self.terms, LEFT_SHARE) if seen else 0.0
-        now = self._gain_of_terms(name)
-        return left.gain / max(self.found.before[name].gain, left.gain + max(now, 0.0), 1.0)
-
-    def _is_left(self, d: ChannelData) -> bool:
-        """Whether so much stays predictable that the names of a channel cannot stand."""
-        acting = [t for t in self.best.terms if d.channel.name in self.energy(t)]
-        same = mends_the_same(acting, self.after[d.channel.name].leading())
-        same = same or lies_where_names_act(self.problem, d, acting, self.terms)
-        small = self.left_share(d.channel.name) <= (LEFT_AT_EDGES if same else LEFT_SHARE)
-        if small or self._leaves_others(d, acting):
-            return False
-        return is_structure(self.after[d.channel.name]) or not acts_within_steps(self.problem, d, self.terms)
-
-    def _leaves_others(self, d: ChannelData, acting: Sequence[Term]) -> bool:
-        """Whether what names leave of a channel has another cause for sure: nothing that is left has none."""
-        if not is_structure(self.after[d.channel.name]):
-            return False
-        rows, left = self.found.looker.rows_of(d), self.after[d.channel.name]
-        apart = leaves_other_rows(self.problem, d, acting, rows, left.ceiling.prediction)
-        return apart or self._causes.of(d, left, self.terms, acting)
-
-    def _gain_of_terms(self, name: str) -> float:
-        """Drop of half the sum of squares of a channel that the accepted effects bring."""
-        d = next(d for d in self.problem.data if d.channel.name == name)
-        before = d.whiten(d.residual(self.problem.view.fresh_state()))
-        after = d.whiten(d.residual(forward(self.terms, self.problem.view)))
-        return 0.5 * float(before @ before - after @ after)
-
     def _gate(self) -> bool:
         """Drop the names of channels in which too much stays predictable, or which a law without physics beats.
 
@@ -213,8 +169,8 @@ class Decision:
         """
         if not self.best.terms:
             return False
-        bad = {d.channel.name for d in self.problem.data if self._is_left(d)}
-        bad |= {d.channel.name for d in self.problem.data if d.channel.name not in bad and self._is_beaten(d)}
+        bad = {d.channel.name for d in self.problem.data if self.standing.is_left(d)}
+        bad |= {d.channel.name for d in self.problem.data if d.channel.name not in bad and self.standing.is_beaten(d)}
         unsteady = [t for t in self.best.terms if is_unsteady(self.found.looker, self.terms, t)]
         self.fallen |= dict(self._mismatch_of(t) for t in unsteady)
         self.refused |= {t.effect.id for t in unsteady}
@@ -239,39 +195,6 @@ class Decision:
         relative = any(d.channel.name == name and d.channel.role is not Role.DISTANCE for d in self.problem.data)
         gain = plain_gain(self.problem, self.best.terms, term)
         return name, Law(channel=name, relative=relative, terms=[], drivers=drivers, gain=gain)
-
-    def _is_beaten(self, d: ChannelData) -> bool:
-        """Whether an empirical law explains a channel clearly better than its names; each pays for its parameters."""
-        if d.channel.role is Role.SCATTER:
-            return False
-        acting = [t for t in self.best.terms if d.channel.name in self.energy(t)]
-        if not acting or self._leaves_others(d, acting):
-            return False
-        # without the patterns: their pixels' values are read off the residual, where a law leaves them to chance
-        if not self._outdone_by_law(d, acting, self.best.terms):
-            return False
-        beside = [p.term for p in self.patterns if d.channel.name in p.term.variant.channels]
-        # but a law that says of pixels what a pattern says better is no rival of what acts beside it
-        outdone = not beside or self._outdone_by_law(d, acting, [*self.best.terms, *beside])
-        return outdone and not self._causes.of(d, self.after[d.channel.name], self.terms, acting)
-
-    def _outdone_by_law(self, d: ChannelData, acting: Sequence[Term], terms: Sequence[Term]) -> bool:
-        """Whether a law in the place of the acting names, beside the other terms, does clearly better than they."""
-        own = forward(terms, self.problem.view)
-        bare = forward([t for t in terms if t not in acting], self.problem.view)
-        place = locate(self.found.looker, d, bare)
-        leading = [*(place.columns if place else []), *self._leading(d)]
-        law, chosen = search_law(self.found.looker, d, bare, leading)
-        base = d.fit_scatter(d.residual(bare))[0]
-        price = PRICE * sum(len(t.free()) for t in acting)
-        named = d.fit_scatter(d.residual(own))[0] - base - price
-        # free scatters of pixels or steps hide most of a gain, unless the law changes as much
-        plain = plain_change(d, own[d.channel.name] - bare[d.channel.name])
-        if plain_change(d, law.correction(self.found.looker.features, bare[d.channel.name])) > plain:
-            plain = 0.0
-        edges = lies_where_names_act(self.problem, d, acting, self.terms)
-        needed = needed_by_law(named, plain, acting, law.drivers, at_edges=edges)
-        return chosen.z > LEAST_Z and chosen.plain > needed
 
     def _mostly_in(self, term: Term, names: set[str]) -> bool:
         energy = self.energy(term)
@@ -300,7 +223,7 @@ class Decision:
                 continue  # what is left came with a name's side effect on the scatter
             if lies_where_names_act(self.problem, d, acting, self.terms):
                 continue  # and this is what a name cannot know of the edges that it moves
-            if not acted or self.left_share(name) > UNKNOWN_SHARE or name in self._causes.found:
+            if not acted or self.standing.left_share(name) > UNKNOWN_SHARE or name in self.standing.causes.found:
                 try:
                     law = law_of_rest(self.found.looker, d, state, self.after[name], beside=acted)
                 except np.linalg.LinAlgError as error:  # costs this law, not the answer
@@ -354,7 +277,7 @@ class Decision:
     def _drop_shadowed(self) -> None:
         """Drop patterns of pixels that a law explains as well: its pixels merely see different conditions."""
         kept = [p for p in self.patterns if not any(self._shadows(law, p) for law in self.laws)]
-        kept = [p for p in kept if not is_outdone(self.found.looker, self.best.terms, p, self._leading)]
+        kept = [p for p in kept if not is_outdone(self.found.looker, self.best.terms, p, self.leading)]
         if len(kept) != len(self.patterns):
             self.patterns, self.laws = kept, []
             self._look()
@@ -376,7 +299,7 @@ class Decision:
         shared = d.fit_scatter(left)[0] - d.fit_scatter(left, without=("pixel",))[0]
         return shared < max(PATTERN_GAIN, MISFIT_SHARE * pattern.gain)
 
-    def _leading(self, d: ChannelData) -> list[str]:
+    def leading(self, d: ChannelData) -> list[str]:
         """Columns that matter most to a channel's mismatch, with names and without."""
         before, after = self.found.before[d.channel.name], self.after[d.channel.name]
         drivers = [c for t in self.best.terms for c in t.variant.drivers if c in self.found.looker.features]

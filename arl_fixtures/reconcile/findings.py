@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from arl_fixtures.reconcile.acceptance import PRICE
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.diagnosis import Alternative, Finding, HeldOut, ParameterValue
 from arl_fixtures.reconcile.effect import State
@@ -17,7 +18,6 @@ from arl_fixtures.reconcile.fit import Fit, finish, fit
 from arl_fixtures.reconcile.intervals import half_widths
 from arl_fixtures.reconcile.law import Law, LawTerm
 from arl_fixtures.reconcile.patterns import Pattern, Scatter
-from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.region import columns_as_drivers, energy_region
 from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.screen import screen

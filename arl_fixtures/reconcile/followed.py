@@ -12,11 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.law import Axis, LawTerm
 from arl_fixtures.reconcile.noise import Level
-from arl_fixtures.reconcile.problem import ChannelData, Problem
+from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from arl_fixtures.reconcile.acceptance import PRICE
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.effect import State
-from arl_fixtures.reconcile.problem import ChannelData, Problem
+from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.screen import unit_labels
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.law_fit import Chosen, confirm
 from arl_fixtures.reconcile.law_work import Work
 from arl_fixtures.reconcile.noise import less_constants
-from arl_fixtures.reconcile.problem import ChannelData
 
 WORSE = 1.02
 """Ratio of the rows' weighted squares after a law and before, from which it harms."""

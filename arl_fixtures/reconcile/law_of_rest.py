@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.law_basis import Basis
@@ -12,7 +13,6 @@ from arl_fixtures.reconcile.law_search import add_trees, is_law, search_law
 from arl_fixtures.reconcile.law_work import ALL_ROWS, Work
 from arl_fixtures.reconcile.locate import locate, located_law
 from arl_fixtures.reconcile.pilot import Looker, Structure
-from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.rivals import STRUCTURE_GAIN, is_structure
 
 TREES_ALONE = 1.5

@@ -12,6 +12,7 @@ import numpy as np
 from scipy import stats
 
 from arl_fixtures.reconcile.boosting import Binned, Boosted, bin_columns
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.grouping import WITHIN_IMAGES
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm, axes_of
@@ -33,7 +34,6 @@ from arl_fixtures.reconcile.law_pool import (
 from arl_fixtures.reconcile.law_shape import sharpened
 from arl_fixtures.reconcile.law_work import ALL_ROWS, MOST_ROWS, Work
 from arl_fixtures.reconcile.pilot import Looker, Structure
-from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.robust import LEAST_TAIL, log_beta
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.stated import surprise_shared

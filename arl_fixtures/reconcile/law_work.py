@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.law import Features
 from arl_fixtures.reconcile.law_basis import Basis, Known
 from arl_fixtures.reconcile.noise import Shared, Whitener
-from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.roles import Role
 
 MOST_ROWS, ALL_ROWS = 6_000, 20_000

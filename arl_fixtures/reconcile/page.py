@@ -15,6 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from arl_fixtures.reconcile import page_words as words
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray
 from arl_fixtures.reconcile.decide import Decision
 from arl_fixtures.reconcile.diagnosis import ChannelFit, Diagnosis, Finding
@@ -25,7 +26,7 @@ from arl_fixtures.reconcile.page_data import Mismatch
 from arl_fixtures.reconcile.page_figures import bars
 from arl_fixtures.reconcile.page_pictures import Gallery
 from arl_fixtures.reconcile.page_rows import shown_rows
-from arl_fixtures.reconcile.problem import FOLDS, ChannelData
+from arl_fixtures.reconcile.problem import FOLDS
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.terms import forward
 from arl_fixtures.reconcile.view import View

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.noise import Level
-from arl_fixtures.reconcile.problem import ChannelData
 from arl_fixtures.reconcile.view import BoolArray, View
 
 NULL_Z = 1.96

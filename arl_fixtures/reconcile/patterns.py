@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import Effect, Kind, Parameter, State, Variant
 from arl_fixtures.reconcile.followed import condition_of
 from arl_fixtures.reconcile.noise import Whitener, fit_tau
-from arl_fixtures.reconcile.problem import ChannelData, Problem
+from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.silence import deaths, some_dark
 from arl_fixtures.reconcile.terms import Term, default_values, field_keys, forward

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from arl_fixtures.reconcile.boosting import Binned, Ceiling, bin_columns, ceiling
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.estimated_noise import estimated_error, group_median, noise_quantities
@@ -25,7 +26,7 @@ from arl_fixtures.reconcile.lonely import (
     scatter_beside,
 )
 from arl_fixtures.reconcile.noise import Level, less_shared
-from arl_fixtures.reconcile.problem import ChannelData, Problem
+from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import BEARING_SIGNS, PIXEL, Role
 from arl_fixtures.reconcile.stated import by_chance
 

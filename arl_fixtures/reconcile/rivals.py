@@ -7,13 +7,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from arl_fixtures.reconcile.acceptance import MISFIT_SHARE
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.law_search import search_law
 from arl_fixtures.reconcile.locate import locate
 from arl_fixtures.reconcile.noise import Whitener
 from arl_fixtures.reconcile.patterns import Pattern
 from arl_fixtures.reconcile.pilot import Looker, Structure
-from arl_fixtures.reconcile.problem import ChannelData, Problem
+from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import BEARING_SIGNS, FIELD_COLUMNS, PIXEL_COLUMNS, Role, told_by
 from arl_fixtures.reconcile.terms import Term, forward
 

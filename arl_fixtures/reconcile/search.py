@@ -31,8 +31,8 @@ from arl_fixtures.reconcile.dead import leave_out_dead
 from arl_fixtures.reconcile.derived_rays import derive_rays
 from arl_fixtures.reconcile.effect import Effect
 from arl_fixtures.reconcile.effects_bench import is_zero_fitted
+from arl_fixtures.reconcile.first_round_again import behind_zeros, with_constants_held
 from arl_fixtures.reconcile.fit import Fit, finish, fit, hold_back_edges
-from arl_fixtures.reconcile.free_constants import constant_z, constants_alone, zero_z
 from arl_fixtures.reconcile.grouping import find_groups, typical_gaps
 from arl_fixtures.reconcile.noise import ordered_like
 from arl_fixtures.reconcile.own_driver import drives_another_part
@@ -41,8 +41,6 @@ from arl_fixtures.reconcile.pixel_calibration import zero_fitted
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.ranking import POLISHED, polished, rank
 from arl_fixtures.reconcile.readings import smooth_readings
-from arl_fixtures.reconcile.rivals import is_structure
-from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.sampling import draw_rows
 from arl_fixtures.reconcile.screen import Candidate, Screening, Surcharge, all_variants, screen
 from arl_fixtures.reconcile.settling import gains_of, settle, shortlist
@@ -52,10 +50,6 @@ from arl_fixtures.reconcile.two_in_place import SECOND_NAME, pairs, sides
 
 FULL_ROWS = 48_000
 MOST_TERMS = 4
-CLEAR_CONSTANT = 5.0
-"""Standard errors from which a unit's constant is worth explaining."""
-LEAST_ZERO = 3.0
-"""Standard errors by which an effect leaves a unit's signal a zero, from which the zero may have hidden it."""
 LEVEL_NAME, LEVEL_FURTHER = 0.95, 0.99
 """Quantile of chance's best gain that a first name and further ones must exceed. Chance is simulated with white noise
 and free looks; a candidate pays for its shapes and for errors that groups share besides, so that on tables without a
@@ -187,13 +181,13 @@ class Search:
         chance: Screening | None = None
         for round_number in range(MOST_TERMS):
             self.progress(f"search, round {round_number + 1}", 0.1 + 0.15 * round_number)
-            screening = self._screen(best.terms, with_chance=chance is None)
+            screening = self.candidates(best.terms, with_chance=chance is None)
             chance = screening if chance is None else chance
             self.surcharge = chance.surcharge(LEVEL_FURTHER if best.terms else LEVEL_NAME)
-            stage = self._round(best, screening, chance)
+            stage = self.ask(best, screening, chance)
             if round_number == 0:
-                stage = self._constants_explained(best, stage, chance)
-                stage = self._behind_zeros(stage, chance)
+                stage = with_constants_held(self, stage, chance)
+                stage = behind_zeros(self, stage, chance)
             stages.append(stage)
             if stage.chosen is None:
                 break
@@ -218,11 +212,11 @@ class Search:
         if not best.terms or not free:
             return best
         with only(self.full, free), only(self.small, free):
-            screening = where_nothing_acts(self._screen((), with_chance=False), free)
+            screening = where_nothing_acts(self.candidates((), with_chance=False), free)
             promise = max((c.gain for c in screening.candidates), default=0.0)
             if promise < chance.threshold(LEVEL_FURTHER):
                 return best
-            stage = self._round(finish(self.full, fit(self.full, ())), screening, chance)
+            stage = self.ask(finish(self.full, fit(self.full, ())), screening, chance)
         sure = chance.threshold(LEVEL_FURTHER)  # it is a further look
         if stage.chosen is None or evidence(stage.chosen, self.surcharge) <= sure:
             return best
@@ -240,7 +234,7 @@ class Search:
         self.gains = gains_of(self.full, best)  # with the scatters that it leaves, not with those that hid it
         return best
 
-    def _screen(self, terms: Sequence[Term], *, with_chance: bool) -> Screening:
+    def candidates(self, terms: Sequence[Term], *, with_chance: bool) -> Screening:
         """Candidates, also with a smaller scatter of the steps: what a candidate explains may pass for it."""
         found = screen(self.small, self.variants, terms, with_chance=with_chance)
         residual = forward(terms, self.small.view)
@@ -256,7 +250,8 @@ class Search:
             found = replace(found, candidates=tuple(ranked))
         return found
 
-    def _round(self, base: Fit, screening: Screening, chance: Screening) -> Stage:
+    def ask(self, base: Fit, screening: Screening, chance: Screening) -> Stage:
+        """One round: rank the candidates beside a base, and choose what may be named."""
         threshold = chance.threshold(LEVEL_FURTHER if base.terms else LEVEL_NAME)
         ranked = self.rank(base, shortlist([c for c in screening.candidates if not is_repeat(base, c)]))
         sure = self._sure(base, chance, ranked)
@@ -305,85 +300,6 @@ class Search:
         sure = [r for r in ranked if evidence(r, self.surcharge) > (first if r.alone else threshold)]
         sure = [r for r in sure if not is_misfit(self.full, base, r, self.gains)]
         return [r for r in sure if not (is_rounding(self.full, base, r) or lacks_essential(r))]
-
-    def _constants_explained(self, base: Fit, stage: Stage, chance: Screening) -> Stage:
-        """Try the effects without free constants where these are large: an effect may explain the constant as well.
-
-        It must beat the constants and the best effect beside them, each with the price of its parameters.
-        """
-        shifted = [
-            d.channel.name for d in self.full.data if d.calibrated and constant_z(d, base.state) > CLEAR_CONSTANT
-        ]
-        if not shifted:
-            return stage
-        price = PRICE * sum(d.units for d in self.full.data if d.channel.name in shifted)
-        own = constants_alone(self.full, base.state, shifted)
-        self._free_constants(shifted, free=False)
-        bare = finish(self.full, fit(self.full, ()))
-        handicap = max(base.log_likelihood - price - bare.log_likelihood, 0.0)  # constants that many earn little
-        screening = screen(self.small, self.variants, ())
-        other = self._round(bare, screening, chance)
-        for r in other.ranked:
-            r.gain -= handicap
-            r.robust = min(r.robust, r.gain)
-        best_before = stage.chosen.gain if stage.chosen is not None else 0.0
-        sure = [
-            r for r in other.ranked if evidence(r, self.surcharge) > stage.threshold
-            and r.gain > max(best_before, stage.threshold + own.get(r.candidate.term.unit, -np.inf))
-        ]  # fmt: skip
-        if not sure:
-            self._free_constants(shifted, free=True)
-            return stage
-        chosen = max(sure, key=lambda r: r.gain)
-        p_value = chance.p_value(evidence(chosen, self.surcharge))
-        return Stage(base=bare, threshold=stage.threshold, p_value=p_value, ranked=other.ranked, chosen=chosen)
-
-    def _behind_zeros(self, stage: Stage, chance: Screening) -> Stage:
-        """Try the effects behind zeros that a user fitted to each unit's signal: they took the effect's mean along.
-
-        The zeros must earn what they cost in likelihood, and the effect beside them what it must otherwise.
-        """
-        signals = [
-            d.channel.name for d in self.full.data
-            if d.channel.role is Role.INTENSITY and d.calibrated and d.second is None
-            and is_structure(self.before[d.channel.name])
-            and (stage.chosen is None or zero_z(d, stage.chosen.fit.state) > LEAST_ZERO)
-        ]  # fmt: skip
-        if not signals:
-            return stage
-        self._free_zeros(signals, free=True)
-        bare = finish(self.full, fit(self.full, ()))
-        handicap = max(stage.base.log_likelihood - bare.log_likelihood, 0.0)
-        other = self._round(bare, self._screen((), with_chance=False), chance)
-        for r in other.ranked:
-            r.gain -= handicap
-            r.robust = min(r.robust, r.gain)
-        least = stage.threshold if stage.chosen is None else max(stage.chosen.gain + SECOND_NAME, stage.threshold)
-        chosen = other.chosen
-        if chosen is None or chosen.gain <= least or evidence(chosen, self.surcharge) <= stage.threshold:
-            self._free_zeros(signals, free=False)
-            return stage
-        return Stage(
-            base=bare, threshold=stage.threshold, ranked=other.ranked, chosen=chosen,
-            p_value=chance.p_value(evidence(chosen, self.surcharge)),
-        )  # fmt: skip
-
-    def _free_zeros(self, channels: Sequence[str], *, free: bool) -> None:
-        for problem in {id(p): p for p in (self.full, self.small)}.values():
-            for d in problem.data:
-                if d.channel.name in channels:
-                    if free:
-                        d.free_zero()
-                        d.rebuild(d.tau)
-                    else:
-                        d.hold_second()
-
-    def _free_constants(self, channels: Sequence[str], *, free: bool) -> None:
-        for problem in (self.full, self.small):
-            for d in problem.data:
-                if d.channel.name in channels:
-                    d.free_constant = free
-                    d.rebuild(d.tau)
 
     def _rank_of(self, term: Term) -> int:
         """Place of a term's variant among all: effects list their drivers in physical order."""

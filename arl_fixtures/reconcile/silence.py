@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from arl_fixtures.reconcile.problem import ChannelData
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.terms import RECORD_TIME, moment_of
 
 LEFT = 0.15

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.followed import condition_of
-from arl_fixtures.reconcile.problem import ChannelData, Problem
+from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.terms import Term, forward
 
 WITHIN_STEPS = 0.1

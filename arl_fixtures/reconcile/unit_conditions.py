@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm
-from arl_fixtures.reconcile.problem import ChannelData, Problem
+from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import Role
 
 FEWEST_UNITS = 8

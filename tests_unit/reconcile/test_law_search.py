@@ -5,6 +5,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import Columns, FloatArray
 from arl_fixtures.reconcile.features import category_id
 from arl_fixtures.reconcile.law import Axis, Law, thresholds
@@ -14,7 +15,7 @@ from arl_fixtures.reconcile.law_fit import Chosen
 from arl_fixtures.reconcile.law_search import is_law, search_law
 from arl_fixtures.reconcile.locate import locate
 from arl_fixtures.reconcile.pilot import Looker
-from arl_fixtures.reconcile.problem import ChannelData, Problem
+from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.table import load_table
 
 

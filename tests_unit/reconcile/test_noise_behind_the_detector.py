@@ -59,4 +59,4 @@ def test_scatters_that_stay_are_predicted_to_stay(tmp_path):
     view = View(columns)
     state = corrected_state(model, terms_of(model, view, tmp_path), view)
     assert np.array_equal(state["intensity_counts_std"], view.sim["intensity_counts_std"])
-    assert decision.left_share("intensity_counts") < 0.05
+    assert decision.standing.left_share("intensity_counts") < 0.05

@@ -93,7 +93,7 @@ def test_a_round_fits_every_variant_of_the_effect_that_it_chooses(make_table):
     search = Search(columns_of(pa.table(make_table(31, veiled))), some("beam.profile_change"))
     base = finish(search.full, fit(search.full, ()))
     screening = screen(search.small, search.variants, with_chance=True)
-    stage = search._round(base, screening, screening)
+    stage = search.ask(base, screening, screening)
     promising = [c.term.label for c in screening.candidates if c.gain > 0.0 and not c.term.unit]
     assert stage.chosen is not None
     assert len(promising) > 2

@@ -1,0 +1,114 @@
+"""Whether names can stand in a channel: what they leave, and whether a law without physics says more than they.
+
+The adequacy gate asks this of every channel; nothing is decided here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from arl_fixtures.reconcile.acceptance import PRICE
+from arl_fixtures.reconcile.channel_data import ChannelData
+from arl_fixtures.reconcile.law_search import search_law
+from arl_fixtures.reconcile.locate import locate
+from arl_fixtures.reconcile.other_cause import OtherCauses
+from arl_fixtures.reconcile.rivals import (
+    LEAST_Z,
+    is_structure,
+    lies_where_names_act,
+    mends_the_same,
+    needed_by_law,
+    plain_change,
+)
+from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.step_means import acts_within_steps, leaves_other_rows, left_in_steps
+from arl_fixtures.reconcile.terms import Term, forward
+
+if TYPE_CHECKING:
+    from arl_fixtures.reconcile.decide import Decision
+
+LEFT_SHARE, LEFT_AT_EDGES = 0.25, 0.6
+"""Largest share of a channel's mismatch that may stay predictable under a name; where names and what is left both
+tell of edges, whose two sides a pixel shares by a part that no column tells."""
+
+
+class Standing:
+    """What a decision's names leave of its channels, as they are now.
+
+    Args:
+        decision: with its names, patterns and looks.
+    """
+
+    def __init__(self, decision: Decision) -> None:
+        self.decision, self.problem, self.looker = decision, decision.problem, decision.found.looker
+        self.causes = OtherCauses(self.looker)
+
+    def left_share(self, name: str) -> float:
+        """Share of a channel's mismatch that stays predictable."""
+        left = self.decision.after[name]
+        if not is_structure(left):
+            d = next(d for d in self.problem.data if d.channel.name == name)
+            seen = is_structure(self.decision.found.before[name])
+            return left_in_steps(self.problem, d, self.decision.terms, LEFT_SHARE) if seen else 0.0
+        now = self._gain_of_terms(name)
+        return left.gain / max(self.decision.found.before[name].gain, left.gain + max(now, 0.0), 1.0)
+
+    def is_left(self, d: ChannelData) -> bool:
+        """Whether so much stays predictable that the names of a channel cannot stand."""
+        acting = [t for t in self.decision.best.terms if d.channel.name in self.decision.energy(t)]
+        same = mends_the_same(acting, self.decision.after[d.channel.name].leading())
+        same = same or lies_where_names_act(self.problem, d, acting, self.decision.terms)
+        small = self.left_share(d.channel.name) <= (LEFT_AT_EDGES if same else LEFT_SHARE)
+        if small or self._leaves_others(d, acting):
+            return False
+        predictable = is_structure(self.decision.after[d.channel.name])
+        return predictable or not acts_within_steps(self.problem, d, self.decision.terms)
+
+    def _leaves_others(self, d: ChannelData, acting: Sequence[Term]) -> bool:
+        """Whether what names leave of a channel has another cause for sure: nothing that is left has none."""
+        if not is_structure(self.decision.after[d.channel.name]):
+            return False
+        rows, left = self.looker.rows_of(d), self.decision.after[d.channel.name]
+        apart = leaves_other_rows(self.problem, d, acting, rows, left.ceiling.prediction)
+        return apart or self.causes.of(d, left, self.decision.terms, acting)
+
+    def _gain_of_terms(self, name: str) -> float:
+        """Drop of half the sum of squares of a channel that the accepted effects bring."""
+        d = next(d for d in self.problem.data if d.channel.name == name)
+        before = d.whiten(d.residual(self.problem.view.fresh_state()))
+        after = d.whiten(d.residual(forward(self.decision.terms, self.problem.view)))
+        return 0.5 * float(before @ before - after @ after)
+
+    def is_beaten(self, d: ChannelData) -> bool:
+        """Whether an empirical law explains a channel clearly better than its names; each pays for its parameters."""
+        if d.channel.role is Role.SCATTER:
+            return False
+        acting = [t for t in self.decision.best.terms if d.channel.name in self.decision.energy(t)]
+        if not acting or self._leaves_others(d, acting):
+            return False
+        # without the patterns: their pixels' values are read off the residual, where a law leaves them to chance
+        if not self._outdone_by_law(d, acting, self.decision.best.terms):
+            return False
+        beside = [p.term for p in self.decision.patterns if d.channel.name in p.term.variant.channels]
+        # but a law that says of pixels what a pattern says better is no rival of what acts beside it
+        outdone = not beside or self._outdone_by_law(d, acting, [*self.decision.best.terms, *beside])
+        return outdone and not self.causes.of(d, self.decision.after[d.channel.name], self.decision.terms, acting)
+
+    def _outdone_by_law(self, d: ChannelData, acting: Sequence[Term], terms: Sequence[Term]) -> bool:
+        """Whether a law in the place of the acting names, beside the other terms, does clearly better than they."""
+        own = forward(terms, self.problem.view)
+        bare = forward([t for t in terms if t not in acting], self.problem.view)
+        place = locate(self.looker, d, bare)
+        leading = [*(place.columns if place else []), *self.decision.leading(d)]
+        law, chosen = search_law(self.looker, d, bare, leading)
+        base = d.fit_scatter(d.residual(bare))[0]
+        price = PRICE * sum(len(t.free()) for t in acting)
+        named = d.fit_scatter(d.residual(own))[0] - base - price
+        # free scatters of pixels or steps hide most of a gain, unless the law changes as much
+        plain = plain_change(d, own[d.channel.name] - bare[d.channel.name])
+        if plain_change(d, law.correction(self.looker.features, bare[d.channel.name])) > plain:
+            plain = 0.0
+        edges = lies_where_names_act(self.problem, d, acting, self.decision.terms)
+        needed = needed_by_law(named, plain, acting, law.drivers, at_edges=edges)
+        return chosen.z > LEAST_Z and chosen.plain > needed
