@@ -32,13 +32,11 @@ class DarkOffset(Effect):
     Without a temperature in the table the offset is constant. Where the bias of an avalanche detector is swept, also
     as what is multiplied with the light: the more, the nearer the bias V to breakdown, by (1 − V_top²/V_b²) /
     (1 − V²/V_b²), or by what the simulated signal is of the light that was logged. Where exposures or an amplifier's
-    gain vary, also in proportion to them. A simulation whose zero was fitted to the recording holds the mean of it
-    already: `zero` takes that away again.
+    gain vary, also in proportion to them.
     """
 
     id = "detector.dark_offset"
     stage = Stage.DETECTOR
-    essential = "dark"  # a zero alone is no dark signal
     source = (
         "Sze, Ng, Physics of Semiconductor Devices (2007), sec. 2.4: generation current, doubling every 8 to 10 K"
     )
@@ -58,16 +56,12 @@ class DarkOffset(Effect):
             ("", amplified) if amplified else ("",),
         ):  # fmt: skip
             unit, top = unit_of(channel), top_signal(view, channel)
-            for column, fitted in (*((c, False) for c in columns or ("",)), *((c, True) for c in columns[:1])):
+            for column in columns or ("",):
                 parameters = [amplitude("dark", unit, 0.0, 0.5 * top, 0.01 * top)]
-                if fitted:
-                    parameters.append(amplitude("zero", unit, -0.5 * top, 0.0, 0.005 * top))
                 if column:
                     parameters.append(shape("doubling", "K", 4.0, 40.0, 9.0))
                 highest = _highest(view, column)
                 options: dict[str, Option] = {"channel": channel, "temperature": column, "highest": highest}
-                if fitted:
-                    options["zero"] = "fitted"
                 if light:
                     ratio = _own_gain(view, channel, light)
                     options |= {"bias": multiplied, "light": light, "most": rounded(float(np.nanmax(ratio)))}
@@ -113,7 +107,7 @@ class DarkOffset(Effect):
             added = added * view.number(str(variant.options["exposure"])) / float(variant.options["longest"])
         if "gain" in variant.options:
             added = added * view.number(str(variant.options["gain"])) / float(variant.options["highest_gain"])
-        state[channel] = state[channel] + added + float(values.get("zero", 0.0))
+        state[channel] = state[channel] + added
         scatter = f"{channel}_std"
         if scatter in state:
             shot = float(values.get("shot", variant.options.get("shot", 0.0)))
@@ -132,7 +126,7 @@ class DarkOffset(Effect):
         elif "bias" in variant.options:
             gain = f"1 / (1 - ({variant.options['bias']} / breakdown)^2)"
             law += f" * {gain}, over that at {variant.options['highest_bias']} V"
-        return f"{law}{' + zero' if 'zero' in variant.options else ''}; {channel}_std^2 += shot * added"
+        return f"{law}; {channel}_std^2 += shot * added"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Counts at the hottest, doubling."""
