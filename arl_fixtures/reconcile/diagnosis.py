@@ -50,9 +50,9 @@ class Finding:
     """One mismatch, named or unknown.
 
     Attributes:
-        term: the effect with its values; None for an unknown one.
+        terms: the effect with its values; more than one where one cause shows in several channels; none of an
+            unknown one.
         law: the empirical law of an unknown one.
-        also: further terms of the same cause, in other channels.
         strength: log-likelihood it gains (order of the findings).
     """
 
@@ -69,14 +69,13 @@ class Finding:
     equivalent_to: list[str] = field(default_factory=list)
     next_experiment: str = ""
     strength: float = 0.0
-    term: Term | None = None
+    terms: list[Term] = field(default_factory=list)
     law: Law | None = None
-    also: list[Term] = field(default_factory=list)
 
     @property
-    def terms(self) -> list[Term]:
-        """All terms of the cause; none of an unknown one."""
-        return [] if self.term is None else [self.term, *self.also]
+    def term(self) -> Term | None:
+        """The first term: of the channel that tells most; None of an unknown one."""
+        return self.terms[0] if self.terms else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

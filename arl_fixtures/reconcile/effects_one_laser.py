@@ -11,11 +11,10 @@ from dataclasses import replace
 
 from arl_fixtures.reconcile.effect import Effect, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import light_channels, signals
+from arl_fixtures.reconcile.roles import is_other_light
 from arl_fixtures.reconcile.view import View
 
 _APART = " + "
-_OTHER_LIGHT = ("ambient", "background", "dark")
-"""Words of a signal's name that say that its light is not the laser's."""
 
 
 def with_all_readouts(variants: Iterable[Variant], view: View) -> Iterable[Variant]:
@@ -25,7 +24,7 @@ def with_all_readouts(variants: Iterable[Variant], view: View) -> Iterable[Varia
         variants: with the option `channel`.
         view: rows under work.
     """
-    lit = [name for name in signals(view) if not any(word in name for word in _OTHER_LIGHT)]
+    lit = [name for name in signals(view) if not is_other_light(name)]
     for variant in variants:
         yield variant
         if len(lit) > 1 and variant.options.get("channel") == lit[0]:

@@ -55,7 +55,7 @@ def named_finding(decision: Decision, index: int) -> Finding:
         effect=effect.id, channels=channels, where=where, drivers=effect.drivers(term.variant, term.values, view),
         expression=effect.expression(term.variant), source=effect.source, parameters=_parameters(decision, index),
         statement=statement(sentence, where, twins), alternatives=alternatives, equivalent_to=twins,
-        held_out=held_out_without(decision, [term], channels, gain), strength=gain, term=term,
+        held_out=held_out_without(decision, [term], channels, gain), strength=gain, terms=[term],
         next_experiment=_separating(effect.next_experiment(term.variant), tests),
     )  # fmt: skip
 
@@ -182,7 +182,7 @@ def pattern_finding(decision: Decision, pattern: Pattern) -> Finding:
         effect=term.effect.id, channels=channels, where=where, drivers=list(term.variant.drivers),
         expression=term.effect.expression(term.variant), source=term.effect.source, parameters=[shown],
         statement=statement(term.effect.sentence(term.variant, values, view), where, []),
-        held_out=held, strength=pattern.gain, term=term, next_experiment=term.effect.next_experiment(term.variant),
+        held_out=held, strength=pattern.gain, terms=[term], next_experiment=term.effect.next_experiment(term.variant),
     )  # fmt: skip
 
 
@@ -278,7 +278,7 @@ def scatter_finding(decision: Decision, scatter: Scatter) -> Finding:
     return Finding(
         effect=term.effect.id, channels=[scatter.channel], where=dict(term.variant.where),
         drivers=list(term.variant.drivers), expression=term.effect.expression(term.variant),
-        source=term.effect.source, parameters=[value], held_out=held, strength=scatter.gain, term=term,
+        source=term.effect.source, parameters=[value], held_out=held, strength=scatter.gain, terms=[term],
         statement=tidy(term.effect.sentence(term.variant, term.values, decision.problem.view)),
         next_experiment=term.effect.next_experiment(term.variant),
     )  # fmt: skip

@@ -48,9 +48,8 @@ def _both(first: Finding, second: Finding, held_out: HeldOutOf) -> Finding:
     """The stronger finding with what the weaker one says of its channel."""
     channels = [*first.channels, *second.channels]
     where = {name: bounds for name, bounds in first.where.items() if second.where.get(name) == bounds}
-    assert second.term is not None
     return replace(
-        first, channels=channels, where=where, also=[*first.also, second.term, *second.also],
+        first, channels=channels, where=where, terms=[*first.terms, *second.terms],
         drivers=list(dict.fromkeys((*first.drivers, *second.drivers))),
         expression="; ".join(dict.fromkeys((first.expression, second.expression))),
         parameters=[*_of_channel(first), *_of_channel(second)],
@@ -62,6 +61,6 @@ def _both(first: Finding, second: Finding, held_out: HeldOutOf) -> Finding:
 
 def _of_channel(finding: Finding) -> list[ParameterValue]:
     """Parameters under names that say of which channel they are; those of joined findings say it already."""
-    if finding.also:
+    if len(finding.terms) > 1:
         return finding.parameters
     return [replace(p, name=f"{p.name}_{finding.channels[0]}") for p in finding.parameters]

@@ -145,7 +145,16 @@ def is_aside(name: str) -> bool:
     >>> is_aside("ambient_counts"), is_aside("intensity_counts"), is_aside("monitor_current_ua"), is_aside("dc_v")
     (True, False, True, True)
     """
-    return any(word in name for word in ("ambient", "background", "monitor", "dark")) or "dc" in name.split("_")
+    return is_other_light(name) or "monitor" in name or "dc" in name.split("_")
+
+
+def is_other_light(name: str) -> bool:
+    """Whether a channel's name says that its light is not the laser's at all.
+
+    >>> is_other_light("ambient_counts"), is_other_light("dark_counts"), is_other_light("monitor_current_ua")
+    (True, True, False)
+    """
+    return any(word in name for word in ("ambient", "background", "dark"))
 
 
 def may_be_light(name: str) -> bool:

@@ -23,7 +23,11 @@ from arl_fixtures.reconcile.roles import Role, per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 _PEAKS = ("echo", "locked")
-_SPREAD = ("footprint", "blurred")
+_SPREAD = {
+    "footprint": shape("filled", "px", 0.3, 1.5, 1.0, 0.7),
+    "blurred": shape("blur", "px", 0.05, 1.2, 0.3),
+}
+"""Means over a whole pixel: kind to how wide it is."""
 _CLIMBS = 25
 
 
@@ -51,10 +55,7 @@ class EdgeMixing(Effect):
         """Which surface wins, and how much of the other is in it."""
         if is_sharp(view):
             lights = light_channels(view, view.channel(Role.INTENSITY)) if view.channel(Role.INTENSITY) else ()
-            for kind, width in (
-                ("footprint", shape("filled", "px", 0.3, 1.5, 1.0, 0.7)),
-                ("blurred", shape("blur", "px", 0.05, 1.2, 0.3)),
-            ):
+            for kind, width in _SPREAD.items():
                 yield Variant(
                     effect=self.id,
                     options={"kind": kind},
