@@ -28,6 +28,16 @@ def lagging(columns, rng):
         columns["distance_m"][mine] += np.interp(columns["time_s"][mine], fine, delay_m)
 
 
+def late_frames(columns, rng):
+    """A share of each frame's exposure lies before the stage stopped: the angle before, pixel by pixel."""
+    pixels = columns["pixel_u"] * 1000.0 + columns["pixel_v"]
+    order = np.lexsort((columns["stage_angle_deg"], pixels, columns["step"], columns["dut"]))
+    light = columns["intensity_counts"][order].copy()
+    first = np.r_[True, np.diff(columns["stage_angle_deg"][order]) < 0.0]
+    before = np.where(first, light, np.roll(light, 1))
+    columns["intensity_counts"][order] = 0.85 * light + 0.15 * before
+
+
 def split(table, held):
     simulated = {n: v[held] for n, v in table.items() if n not in {"intensity_counts", "distance_m"}}
     return {n: v[~held] for n, v in table.items()}, simulated
@@ -39,10 +49,16 @@ def explained(table, plain, held, corrected, channel):
     return 1.0 - np.sum((corrected - sim - truth) ** 2) / np.sum(truth**2)
 
 
-def test_rows_of_one_step_are_predicted_from_what_was_around_them(tmp_path, make_table, save, knows_only):
-    knows_only("timing.thermal_lag", "timing.temperature_offset")
-    channel, table, plain = "distance_m", make_table(21, lagging, steps=14), make_table(21, steps=14)
-    held = np.isclose(table["step"], 5.0)
+@pytest.mark.parametrize(
+    ("change", "column", "value", "channel", "steps"),
+    [(lagging, "step", 5.0, "distance_m", 14), (late_frames, "stage_angle_deg", 8.1, "intensity_counts", 10)],
+)
+def test_rows_of_one_step_or_angle_are_predicted_from_what_was_around_them(
+    tmp_path, make_table, save, knows_only, change, column, value, channel, steps
+):
+    knows_only("timing.thermal_lag", "timing.temperature_offset", "acquisition.frame_lag", "optics.defocus")
+    table, plain = make_table(21, change, steps=steps), make_table(21, steps=steps)
+    held = np.isclose(table[column], value)
     train, unseen = split(table, held)
     reconcile(save(tmp_path / "t.parquet", train), tmp_path / "out")
     told = []
