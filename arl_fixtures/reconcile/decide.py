@@ -7,6 +7,7 @@ is worse than none: where the gate fails, the channel's mismatch is `unknown` an
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -51,7 +52,7 @@ from arl_fixtures.reconcile.rivals import (
     says_the_same,
     share_beside,
 )
-from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.roles import FIELD_COLUMNS, PIXEL, PIXEL_COLUMNS, Role
 from arl_fixtures.reconcile.search import Found, Search
 from arl_fixtures.reconcile.standing import Standing
 from arl_fixtures.reconcile.steadiness import is_unsteady
@@ -294,6 +295,10 @@ class Decision:
         alone = law_of_rest(self.found.looker, d, state, self.found.looker.look(d, state))
         if alone is None:
             return False
+        numbers = PIXEL_COLUMNS | {PIXEL, *FIELD_COLUMNS}  # a table over these is the pattern in other words
+        of_more = [t for t in alone.terms if not {a.column for a in t.axes} <= numbers]
+        if len(of_more) < len(alone.terms):
+            alone = replace(alone, terms=of_more, trees=[])
         add = alone.correction(self.found.looker.features, state[law.channel])
         left = d.measured - d.expect * (state[law.channel] + add)[d.use]
         shared = d.fit_scatter(left)[0] - d.fit_scatter(left, without=("pixel",))[0]

@@ -35,6 +35,8 @@ _ROOM_C = 25.0
 _BENCH = ("plate", "coolant", "ambient", "chamber", "oil", "bath", "room", "lab", "hall", "air", "dew", "frost")
 _ELSEWHERE = ("cable", "fibre", "fiber", "target", "panel", "lamp", "tripod", "rail")
 """Parts beside the sensor: what follows their temperatures is not the sensor's."""
+_BEFORE = ("window",)
+"""Parts before the sensor: only what asks for them follows their temperature rather than the sensor's."""
 _AGES = frozenset({"hours", "shots", "cycles"})
 _CALENDAR = ("cycle", "operating_time_h", "operating_hours_h", "shots")
 
@@ -106,6 +108,7 @@ def temperature_drivers(view: View, *first: str, limit: int = 3, never: tuple[st
     preferred = dict.fromkeys([*first, *alike])
     names = [n for n in view.temperatures(*preferred) if not n.startswith(never or ("~",))]
     near = [n for n in names if not (is_of_bench(n) or is_of(n, *_ELSEWHERE))]
+    near = [n for n in near if n in preferred or not is_of(n, *_BEFORE)] or near
     return tuple((near or list(names))[:limit])
 
 

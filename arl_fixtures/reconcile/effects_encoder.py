@@ -1,6 +1,6 @@
-"""What an error of the stage's angle shows in: the scene that rows see, or a channel that reads the angle itself.
+"""What an error of the stage shows in: the scene that rows see, or a channel that reads its angle or place itself.
 
-Such a channel is an encoder on the shaft, or an autocollimator.
+Such a channel is an encoder on the shaft, an autocollimator, or the distance to what a linear stage carries.
 """
 
 from __future__ import annotations
@@ -8,12 +8,16 @@ from __future__ import annotations
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Option, State, Variant
-from arl_fixtures.reconcile.effects_common import FloatArray, per_table
+from arl_fixtures.reconcile.effects_common import FloatArray, distances, per_table
 from arl_fixtures.reconcile.effects_pointing import by_whole_pixels, scanned_channels, turn_stage, ways_of_looking
 from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.view import View
 
+LENGTHS = frozenset({"m", "cm", "mm"})
+_SLIDES = frozenset({"stage", "slide", "rail", "carriage", "spindle"})
+_MOVES_WITH = 0.9
+"""Correlation with a linear stage's place from which a simulated distance is one to what stands on it."""
 _FOLLOWS = 0.999
 """Correlation with the stage's angle from which a simulated angle is that of the stage."""
 
@@ -34,6 +38,27 @@ def encoders(view: View) -> tuple[str, ...]:
         return tuple(found)
 
     return per_table(view, "encoders", make) if view.varies("stage_angle_deg") else ()
+
+
+def slides(view: View) -> tuple[tuple[str, str], ...]:
+    """Channels in a unit of length that read where a linear stage stands, and the column of its position."""
+
+    def make() -> tuple[tuple[str, str], ...]:
+        found = []
+        for column in view.covariates():
+            if not (_SLIDES & set(column.split("_")) and unit_of(column) in LENGTHS and view.varies(column)):
+                continue
+            place = view.columns.numbers[column]
+            for name in distances(view):
+                simulated = view.columns.numbers[f"sim_{name}"]
+                good = np.isfinite(place) & np.isfinite(simulated)
+                if good.sum() < 3 or np.ptp(simulated[good]) == 0.0 or np.ptp(place[good]) == 0.0:
+                    continue
+                if unit_of(name) in LENGTHS and abs(np.corrcoef(place[good], simulated[good])[0, 1]) > _MOVES_WITH:
+                    found.append((name, column))
+        return tuple(found)
+
+    return per_table(view, "slides", make)
 
 
 def ways_of_turning(view: View) -> tuple[dict[str, Option], ...]:

@@ -9,6 +9,7 @@ other: a fixed pattern of pixels that comes and goes with the temperature is non
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import compress
 
 import numpy as np
@@ -62,6 +63,8 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
     ]  # fmt: skip
     if not acting:
         return False
+    if term.fields:  # beside a scatter of pixels next to nothing is left of what pixels differ by
+        acting = [replace(d, tau={**d.tau, "pixel": 0.0}) for d in acting]
     change = [d.whiten(d.expect * (full[d.channel.name] - rest[d.channel.name])[d.use]) for d in acting]
     clear = [not _overshadowed(d, c, rest, problem) for d, c in zip(acting, change, strict=True)]
     if any(clear):

@@ -63,6 +63,38 @@ def test_a_relay_that_adds_its_delay_beyond_a_distance_is_no_delay_line():
     assert [(f.effect, f.drivers) for f in found] == [("unknown", ["true_range_m"])]
 
 
+def test_a_slow_clock_is_told_where_its_period_is_swept_several_times():
+    """15 MHz: ten metres of range to a period, of which targets on a rail of 45 m pass four; cells by counting."""
+    table = rail(4, 0.0)
+    metres = table["true_range_m"] * 45.0 / 3.4
+    edges = np.concatenate([[0.0], np.cumsum(1.0 + 0.02 * np.sin(2.0 * np.pi * (np.arange(64) + 0.5) / 64))])
+    cells = np.interp(metres % 10.0, edges * 10.0 / edges[-1], np.linspace(0.0, 10.0, 65))
+    table["distance_m"] = table["distance_m"] - table["true_range_m"] + np.floor(metres / 10.0) * 10.0 + cells
+    table["true_range_m"] = table["sim_distance_m"] = metres
+    known = [library()[name] for name in ("timing.tdc_nonlinearity", "timing.clock_scale")]
+    (found,) = diagnose(columns_of(pa.table(table)), effects=known)[0].findings
+    assert found.effect == "timing.tdc_nonlinearity"
+    assert {p.name: p.value for p in found.parameters}["period"] == pytest.approx(10.0, rel=0.02)
+
+
+def test_what_a_law_says_of_ranges_makes_no_name_of_the_light_ambiguous():
+    """Waves mend a jump in the ranges by more than any law of the light gains: they are no rival of it."""
+    table = rail(3, 0.0)
+    metres, light = table["true_range_m"] * 7.4 / 3.4, np.full(table["step"].size, 900.0)
+    noise = np.random.default_rng(9).normal(size=light.size)
+    table["distance_m"] = table["distance_m"] - table["true_range_m"] + metres + 0.004 * (metres > 4.5)
+    table["true_range_m"] = table["sim_distance_m"] = metres
+    table |= {
+        "sim_intensity_counts": light, "sim_intensity_counts_std": 0.02 * light,
+        "sim_intensity_counts_repeat_std": 1e-4 * light,
+        "intensity_counts": light * (1.0 - 4e-4 * table["set_temperature_c"]) + 0.02 / np.sqrt(20.0) * light * noise,
+    }  # fmt: skip
+    known = [library()[name] for name in ("timing.tdc_nonlinearity", "detector.gain_temperature")]
+    found = {f.effect: f for f in diagnose(columns_of(pa.table(table)), effects=known)[0].findings}
+    assert set(found) == {"unknown", "detector.gain_temperature"}
+    assert found["detector.gain_temperature"].equivalent_to == []
+
+
 def test_a_change_is_weighed_beside_the_constants_that_are_free():
     table = columns_of(pa.table(rail(2, 0.12)))
     (d,) = Search(table, []).full.data

@@ -38,3 +38,30 @@ def test_an_encoder_shows_the_backlash():
 
 def test_a_true_stage_is_consistent():
     assert diagnose(columns_of(pa.table(read_out(7))))[0].findings == []
+
+
+def carried(seed, off_centre_mm):
+    """A profiler above blocks on a linear stage: a screw of 15 mm pitch whose thread leans turns unevenly."""
+    rng = np.random.default_rng(seed)
+    fine = np.linspace(0.0, 40.0, 40001)
+    lead = 1.0 + off_centre_mm * np.cos(2.0 * np.pi * fine / 15.0 + 0.7)
+    nut = np.concatenate([[0.0], np.cumsum(0.5 * (lead[1:] + lead[:-1]) * np.diff(fine))])
+    step, place, block = (
+        a.ravel() for a in np.meshgrid(np.arange(12), np.arange(17), np.array([0.0, 3.0]), indexing="ij")
+    )
+    stage = place * 2.5
+    std = np.full(step.size, 4e-3)
+    return columns_of(pa.table({
+        "step": step, "camera_temperature_c": 20.0 + 2.0 * step, "stage_height_mm": stage,
+        "n_frames": np.full(step.size, 10), "sim_height_mm": stage + block, "sim_height_mm_std": std,
+        "sim_height_mm_repeat_std": np.full(step.size, 3e-4),
+        "height_mm": np.interp(stage, fine, nut) + block + std / np.sqrt(10.0) * rng.normal(size=step.size)
+        + 3e-4 * rng.normal(size=12)[step],
+    }))  # fmt: skip
+
+
+def test_the_screw_of_a_linear_stage_shows_in_what_it_carries():
+    (found,) = diagnose(carried(2, 1.5e-3))[0].findings
+    assert (found.effect, found.drivers) == ("stage.periodic_error", ["stage_height_mm"])
+    assert {p.name: p.value for p in found.parameters}["period"] == pytest.approx(15.0, rel=0.02)
+    assert "mm" in found.statement

@@ -49,6 +49,23 @@ def test_pixels_that_differ_in_the_heat_only_are_no_fixed_pattern():
     assert "detector.pixel_response" not in named(1, lambda c: bend(c, 0.01, 50.0))
 
 
+@pytest.mark.parametrize(("lamp", "full_well"), [(10.0, np.inf), (0.0, 14000.0)])
+def test_pixels_differ_beside_whatever_else_is_missing(lamp, full_well):
+    """Before panels from black to white, beside a lamp or a well that fills: beside a scatter of pixels next to
+    nothing is left of what they differ by, and what is left follows the other cause."""
+    pixel = np.random.default_rng(7).normal(size=(7, 9))
+
+    def bend(columns):
+        u, v, step = (columns[name].astype(int) for name in ("pixel_u", "pixel_v", "step"))
+        light = np.array([70.0, 210.0, 700.0])[(u + v + step) % 3]
+        columns["sim_intensity_counts"], columns["sim_intensity_counts_std"] = light, np.hypot(6.0, 0.004 * light)
+        columns["sim_intensity_counts_repeat_std"] = 0.002 * light
+        seen = light * (1.0 + 0.06 * pixel[v, u]) + lamp
+        columns["intensity_counts"] = seen / (1.0 + seen / full_well)
+
+    assert named(1, bend) == ["detector.pixel_response", "unknown"]
+
+
 def test_only_what_moves_scatters_a_factor():
     rng = np.random.default_rng(8)
     place, change = np.repeat(np.arange(40.0), 50), rng.normal(0.0, 0.3, 2000)

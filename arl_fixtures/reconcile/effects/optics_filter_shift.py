@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -12,6 +13,7 @@ from arl_fixtures.reconcile.effects_common import (
     LightFactor,
     amplitude,
     excess,
+    is_of,
     light_channels,
     per_view,
     percent,
@@ -23,6 +25,7 @@ from arl_fixtures.reconcile.effects_common import (
 )
 from arl_fixtures.reconcile.effects_field import PIXEL, has_field, image_radius, middle_options
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, has_rays
+from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
 USUAL_INDEX = 1.9
@@ -39,6 +42,8 @@ class FilterShift(LightFactor):
     `line_drift`, a relative change of wavelength per kelvin, so that temperature never acts without the angle.
     `offset`: where the line lies in the passband at normal incidence at the reference temperature.
 
+    A filter that is turned in a beam (a logged angle of its own) has that angle in the place of the field's.
+
     A simulation that has the passband at the reference temperature (option `simulated`) lacks the drift alone:
     I *= T(x + drift·ΔT) / T(x), x = offset + tilt·s(θ); there the drift is what is nil, and the tilt a shape.
     """
@@ -54,6 +59,7 @@ class FilterShift(LightFactor):
         With the best temperature also as what a simulation lacks that has the passband but not its drift.
         """
         columns = temperature_drivers(view, "laser_temperature_c", "housing_temperature_c", limit=2)
+        yield from self._by_its_tilt(view, columns[:1])
         if not has_rays(view) and has_field(view):
             yield from self._by_pixels(view, columns[:1])
         if not (has_rays(view) or "laser_temperature_c" in columns):
@@ -120,6 +126,27 @@ class FilterShift(LightFactor):
                     drivers=(*PIXEL, *((column,) if column else ())),
                 )  # fmt: skip
 
+    def _by_its_tilt(self, view: View, columns: Sequence[str]) -> Iterable[Variant]:
+        """The same of a filter that is turned in a beam: with its angle alone, and with a temperature."""
+        turned = [n for n in view.covariates() if is_of(n, "filter") and unit_of(n) == "deg" and view.varies(n)]
+        for name, channel, column in itertools.product(turned[:1], signals(view), ("", *columns)):
+            reach = _reach(view, (name,))
+            yield Variant(
+                effect=self.id,
+                options={
+                    "channel": channel, "temperature": column, "turned": name,
+                    "reference": reference(view, column) if column else 0.0,
+                },
+                parameters=(
+                    amplitude("tilt", "half-widths", 0.0, 8.0 / reach, 0.3 / reach),
+                    *((shape("line_drift", "1/K", -6e-4, 6e-4, 2.7e-4, 2e-5),) if column else ()),
+                    shape("offset", "half-widths", -1.5, 1.5, 0.0, -0.6),
+                    shape("cavities", "1", 0.7, 5.0, 2.0),
+                ),
+                channels=light_channels(view, channel),
+                drivers=(name, *((column,) if column else ())),
+            )  # fmt: skip
+
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Transmission against that on the axis at the reference temperature."""
         offset, power = float(values["offset"]), 2.0 * float(values["cavities"])
@@ -128,6 +155,8 @@ class FilterShift(LightFactor):
             if "reach" in variant.options:
                 tangent = float(variant.options["reach"]) * image_radius(variant, view)
                 square = tangent**2 / (1.0 + tangent**2)
+            elif "turned" in variant.options:
+                square = np.sin(np.radians(view.number(str(variant.options["turned"])))) ** 2
             else:
                 square = per_view(view, "field sine square", lambda: _sine_square(view))
             index = float(values.get("index", USUAL_INDEX))
@@ -151,6 +180,8 @@ class FilterShift(LightFactor):
                 f" + tilt * (1 - sqrt(1 - sin(field angle)^2 / {USUAL_INDEX:g}^2)), tan(field angle) = "
                 f"{variant.options['reach']:g} * distance from the middle / the corner's"
             )
+        elif "turned" in variant.options:
+            terms += f" + tilt * (1 - sqrt(1 - sin({variant.options['turned']})^2 / {USUAL_INDEX:g}^2))"
         elif any(parameter.name == "tilt" for parameter in variant.parameters):
             terms += " + tilt * (1 - sqrt(1 - sin(field angle)^2 / index^2))"
         angle = terms
@@ -166,7 +197,8 @@ class FilterShift(LightFactor):
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Change of the signal over field and temperature."""
         column = variant.options["temperature"]
-        with_what = "with the field angle" if not column else f"with field angle and {column}"
+        angle = str(variant.options.get("turned", "the field angle"))
+        with_what = f"with {angle}" if not column else f"with {angle.removeprefix('the ')} and {column}"
         change = percent(*self.change(variant, values, view))
         if variant.options.get("simulated"):
             return (
@@ -188,10 +220,7 @@ def _sine_square(view: View) -> FloatArray:
     return np.clip(1.0 - cosine**2, 0.0, 1.0)
 
 
-def _reach(view: View) -> float:
+def _reach(view: View, angles: Sequence[str] = ("azimuth_deg", "elevation_deg")) -> float:
     """s of the outermost ray of the table, for the usual index."""
-    square = np.sin(np.radians(max(max(map(abs, view.span(name))) for name in _RAYS if view.has(name)))) ** 2
+    square = np.sin(np.radians(max(max(map(abs, view.span(name))) for name in angles if view.has(name)))) ** 2
     return float(np.clip(1.0 - np.sqrt(1.0 - square / USUAL_INDEX**2), 2e-3, 0.15))
-
-
-_RAYS = ("azimuth_deg", "elevation_deg")

@@ -9,14 +9,19 @@ import numpy as np
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_bench import is_sharp
 from arl_fixtures.reconcile.effects_common import amplitude, period_starts, shape
-from arl_fixtures.reconcile.effects_encoder import show_turn, turning_channels, ways_of_turning
+from arl_fixtures.reconcile.effects_encoder import show_turn, slides, turning_channels, ways_of_turning
+from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 MANY_PERIODS = 300
+FEWEST_PLACES = 8
 
 
 class PeriodicError(Effect):
-    """True angle = stage angle + sine·sin(2πθ/period) + cosine·cos(2πθ/period); an encoder reads it."""
+    """True angle = stage angle + sine·sin(2πθ/period) + cosine·cos(2πθ/period); an encoder reads it.
+
+    Of a linear stage the same of its place, by the pitch of its screw: the distance to what it carries reads it.
+    """
 
     id = "stage.periodic_error"
     stage = Stage.BOOKKEEPING
@@ -26,14 +31,15 @@ class PeriodicError(Effect):
     confusable = ("stage.zero_offset", "stage.eccentricity", "timing.tdc_nonlinearity")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """One, and one for each encoder; periods from four angle steps to twice the sweep."""
+        """One, one for each encoder and linear stage; periods from four steps to one and a half times the sweep."""
+        yield from self._along(view)
         ways = ways_of_turning(view)
         if not view.varies("stage_angle_deg") or not ways:
             return
         low, high = view.span("stage_angle_deg")
         angles = np.unique(np.round(view.columns.numbers["stage_angle_deg"], 4))
         angles = angles[np.isfinite(angles)]
-        if angles.size < 8:
+        if angles.size < FEWEST_PLACES:
             return
         shortest, longest = 4.0 * float(np.median(np.diff(angles))), 1.5 * (high - low)
         if shortest >= 0.8 * longest:
@@ -54,15 +60,38 @@ class PeriodicError(Effect):
                 drivers=("stage_angle_deg",),
             )
 
+    def _along(self, view: View) -> Iterable[Variant]:
+        """One for each distance to what a linear stage carries."""
+        for channel, column in slides(view):
+            low, high = view.span(column)
+            places = np.unique(np.round(view.columns.numbers[column] / (high - low), 5)) * (high - low)
+            shortest, longest = 4.0 * float(np.nanmedian(np.diff(places))), 1.5 * (high - low)
+            if places.size < FEWEST_PLACES or shortest >= 0.8 * longest:
+                continue
+            unit, size = unit_of(channel), per_metre(unit_of(channel)) / per_metre(unit_of(column)) * (high - low)
+            yield Variant(
+                effect=self.id,
+                options={"channel": channel, "along": column},
+                parameters=(
+                    amplitude("sine", unit, -0.05 * size, 0.05 * size, 1e-3 * size),
+                    amplitude("cosine", unit, -0.05 * size, 0.05 * size, 1e-3 * size),
+                    shape("period", unit_of(column), shortest, longest,
+                          *period_starts(shortest, longest, high - low, most=24)),
+                ),
+                channels=(channel,),
+                drivers=(column,),
+            )  # fmt: skip
+
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Looks the scene up at the true angle."""
-        phase = 2.0 * np.pi / float(values["period"]) * np.nan_to_num(view.number("stage_angle_deg"))
+        place = view.number(str(variant.options.get("along", "stage_angle_deg")))
+        phase = 2.0 * np.pi / float(values["period"]) * np.nan_to_num(place)
         error = float(values["sine"]) * np.sin(phase) + float(values["cosine"]) * np.cos(phase)
         show_turn(variant, state, view, error)
 
     def expression(self, variant: Variant) -> str:
         """The law."""
-        phase = "(2 pi stage_angle_deg / period)"
+        phase = f"(2 pi {variant.options.get('along', 'stage_angle_deg')} / period)"
         if "channel" in variant.options:
             return f"{variant.options['channel']} += sine * sin{phase} + cosine * cos{phase}"
         return f"every channel = simulation at stage_angle_deg + sine * sin{phase} + cosine * cos{phase}"
@@ -70,6 +99,9 @@ class PeriodicError(Effect):
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Amplitude and period."""
         size = float(np.hypot(values["sine"], values["cosine"]))
+        if "along" in variant.options:
+            unit, pitch = unit_of(str(variant.options["channel"])), unit_of(str(variant.options["along"]))
+            return f"The stage's place swings by ±{size:.3g} {unit} with a period of {values['period']:.4g} {pitch}."
         return f"The stage's angle swings by ±{size:.3f}° with a period of {values['period']:.2f}°."
 
     def next_experiment(self, variant: Variant) -> str:

@@ -19,6 +19,8 @@ from arl_fixtures.reconcile.effects_common import (
 from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
+USUAL_M, LONGEST_M = 4.0, 20.0
+"""Periods, as distances: of clocks from some 40 MHz; of slower ones from 7.5 MHz, where two and a half are swept."""
 HARMONICS = 3
 """Waves in a period by which cells of unequal length are told: their error, a sum of many, has little above."""
 
@@ -47,7 +49,7 @@ class TdcNonlinearity(Effect):
             if not spread > 0.0:
                 continue
             size = per_metre(unit_of(distance))
-            longest = min(0.7 * spread, 4.0 * size)
+            longest = max(min(0.7 * spread, USUAL_M * size), min(0.4 * spread, LONGEST_M * size))
             shortest = max(spread / 30.0, 0.01 * size)
             if longest <= 1.05 * shortest:
                 continue
