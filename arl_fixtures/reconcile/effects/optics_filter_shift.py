@@ -72,8 +72,7 @@ class FilterShift(LightFactor):
             for column, simulated in kinds:
                 parameters: list[Parameter] = []
                 if simulated:
-                    most = 8.0 / span(view, column)
-                    parameters.append(amplitude("drift", "half-widths/K", -most, most, 0.03 * most))
+                    parameters.append(self._drift(view, column))
                     parameters.append(
                         shape("tilt", "half-widths", 0.3 / reach, 8.0 / reach, 1.0 / reach, 3.0 / reach)
                     )
@@ -82,8 +81,7 @@ class FilterShift(LightFactor):
                 if column and has_rays(view) and not simulated:
                     parameters.append(shape("line_drift", "1/K", -6e-4, 6e-4, 2.7e-4, 2e-5))
                 elif column and not simulated:
-                    most = 8.0 / span(view, column)
-                    parameters.append(amplitude("drift", "half-widths/K", -most, most, 0.03 * most))
+                    parameters.append(self._drift(view, column))
                 parameters += [
                     shape("offset", "half-widths", -1.5, 1.5, -0.5, 0.3) if column
                     else shape("offset", "half-widths", -1.5, 1.5, 0.0, -0.6),
@@ -139,13 +137,18 @@ class FilterShift(LightFactor):
                 },
                 parameters=(
                     amplitude("tilt", "half-widths", 0.0, 8.0 / reach, 0.3 / reach),
-                    *((shape("line_drift", "1/K", -6e-4, 6e-4, 2.7e-4, 2e-5),) if column else ()),
+                    *((self._drift(view, column),) if column else ()),
                     shape("offset", "half-widths", -1.5, 1.5, 0.0, -0.6),
                     shape("cavities", "1", 0.7, 5.0, 2.0),
                 ),
                 channels=light_channels(view, channel),
                 drivers=(name, *((column,) if column else ())),
             )  # fmt: skip
+
+    @staticmethod
+    def _drift(view: View, column: str) -> Parameter:
+        most = 8.0 / span(view, column)
+        return amplitude("drift", "half-widths/K", -most, most, 0.03 * most)
 
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Transmission against that on the axis at the reference temperature."""

@@ -1,11 +1,14 @@
 """A simulation that has the filter's passband over the angle, and lacks only that the laser line drifts in it."""
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from rendered_bench import corrected, left_over, make_columns, variant_of
 from scipy.optimize import least_squares
 
 from arl_fixtures.reconcile.catalogue import library
+from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.table import columns_of
 from arl_fixtures.reconcile.view import View
 
 LINE_NM, DRIFT_NM_PER_K = 940.0, 0.07
@@ -94,3 +97,23 @@ def test_without_angles_there_is_one_passband_only():
     numbers = {"laser_temperature_c": np.linspace(0.0, 50.0, 60), "sim_signal_counts": np.full(60, 500.0)}
     view = View(make_columns(numbers | {"signal_counts": np.full(60, 500.0)}, {}, shuffle=None)[0])
     assert not any(v.options.get("simulated") for v in library()["optics.filter_shift"].variants(view))
+
+
+def test_a_filter_that_is_turned_in_a_beam_is_told_by_its_own_angle():
+    """A gas cell's filter, at another angle and laser temperature on each of 40 days; no pixels, no rays."""
+    rng = np.random.default_rng(6)
+    day, level = (a.ravel() for a in np.meshgrid(np.arange(40), np.array([0.2, 0.6, 1.0]), indexing="ij"))
+    turned, warm = rng.uniform(0.0, 10.0, 40)[day], rng.uniform(16.0, 36.0, 40)[day]
+    passed = stack(947.0 + 0.1 * (warm - 25.0), turned) / stack(np.array(947.0), np.array(0.0))
+    light = 9000.0 * level
+    sigma = np.hypot(20.0, 0.01 * light)
+    table = columns_of(pa.table({
+        "step": day, "filter_angle_deg": turned, "laser_temperature_c": warm, "n_frames": np.full(day.size, 16),
+        "sim_signal_counts": light, "sim_signal_counts_std": sigma, "sim_signal_counts_repeat_std": 1e-3 * light,
+        "signal_counts": light * passed * (1.0 + 1e-3 * rng.normal(size=40)[day])
+        + sigma / 4.0 * rng.normal(size=day.size),
+    }))  # fmt: skip
+    (found,) = diagnose(table)[0].findings
+    assert found.effect == "optics.filter_shift"
+    assert set(found.drivers) == {"filter_angle_deg", "laser_temperature_c"}
+    assert found.held_out.explained > 0.8
