@@ -108,7 +108,8 @@ def temperature_drivers(view: View, *first: str, limit: int = 3, never: tuple[st
     preferred = dict.fromkeys([*first, *alike])
     names = [n for n in view.temperatures(*preferred) if not n.startswith(never or ("~",))]
     near = [n for n in names if not (is_of_bench(n) or is_of(n, *_ELSEWHERE))]
-    near = [n for n in near if n in preferred or not is_of(n, *_BEFORE)] or near
+    if first:
+        near = [n for n in near if n in preferred or not is_of(n, *_BEFORE)] or near
     return tuple((near or list(names))[:limit])
 
 

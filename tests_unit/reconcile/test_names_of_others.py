@@ -133,6 +133,7 @@ def test_a_window_is_nearer_to_its_frost_than_the_dew_point_of_the_room(tmp_path
     view = View(load_table(tmp_path / "table.parquet"))
     assert temperature_drivers(view, "window_temperature_c", limit=1) == ("window_c",)
     assert temperature_drivers(view, "laser_temperature_c", "housing_temperature_c")[0] == "laser_c"
+    assert "window_c" not in temperature_drivers(view, "board_temperature_c")
     assert set(temperature_drivers(view)) == {"board_c", "window_c", "laser_c"}
 
 
