@@ -11,9 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from arl_fixtures.reconcile.acceptance import LEAST_SCATTER, MISFIT_SHARE
+from arl_fixtures.reconcile.acceptance import MISFIT_SHARE
 from arl_fixtures.reconcile.calibration_findings import constant_finding, line_finding
 from arl_fixtures.reconcile.channel_data import ChannelData
+from arl_fixtures.reconcile.consequences import is_back_action, is_within_noise_law, without_back_actions
 from arl_fixtures.reconcile.cross_fit import cross_fitted
 from arl_fixtures.reconcile.dead import bring_back, dead_first
 from arl_fixtures.reconcile.diagnosis import ChannelFit, Finding
@@ -97,6 +98,10 @@ class Decision:
         self._add_patterns()
         while self._gate():
             pass  # what stands beside fewer names is asked anew
+        own = without_back_actions(self.best.terms, self.problem.view)
+        if len(own) < len(self.best.terms):
+            self.best = finish(self.problem, fit(self.problem, own, rounds=4))
+            self._look()
         self._find_laws()
         self._drop_shadowed()
         self._find_scatters()
@@ -215,7 +220,7 @@ class Decision:
         return {name: value for name, value in energy.items() if value > LEAST_ENERGY}
 
     def _find_laws(self) -> None:
-        state = forward(self.terms, self.problem.view)
+        state, features = forward(self.terms, self.problem.view), self.found.looker.features
         for d in self.problem.data:
             name = d.channel.name
             acting = [t for t in self.terms if name in self.energy(t)]
@@ -234,15 +239,10 @@ class Decision:
                 # trees beside a name only mend its shape, and so does what says the same in other words
                 if law is None or (acted and (not law.terms or says_the_same(acting, law.drivers))):
                     continue
-                if not (d.channel.role is Role.SCATTER and self._is_within_noise_law(law, state, acted=acted)):
+                if d.channel.role is Role.SCATTER and is_within_noise_law(law, features, state, acted=acted):
+                    continue
+                if not is_back_action(law, features, state, self.terms, self.problem.view):
                     self.laws.append(law)
-
-    def _is_within_noise_law(self, law: Law, state: State, *, acted: bool) -> bool:
-        """Whether a law on a scatter is within what a noise law is worth: one read off a table where names act."""
-        values = state[law.channel]
-        add = law.correction(self.found.looker.features, values)
-        least = (2.0 if acted else 1.0) * LEAST_SCATTER
-        return float(np.nanquantile(np.abs(add) / np.maximum(np.abs(values), 1e-300), 0.95)) < least
 
     def _find_scatters(self) -> None:
         """What groups share beyond what is declared: a finding, or an unknown where it follows a condition."""

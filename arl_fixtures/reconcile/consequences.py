@@ -1,0 +1,58 @@
+"""Laws of nothing new: a scatter within what a noise law is worth, a plate that answers to what it carries."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from arl_fixtures.reconcile.acceptance import LEAST_SCATTER
+from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.law import Features, Law
+from arl_fixtures.reconcile.terms import Term, forward
+from arl_fixtures.reconcile.view import View
+
+BACK_ACTION = 0.15
+"""Part of a node's change that its plate may answer with: what bears a device has several times its heat capacity."""
+
+
+def is_within_noise_law(law: Law, features: Features, state: State, *, acted: bool) -> bool:
+    """Whether a law on a scatter is within what a noise law is worth: one read off a table where names act."""
+    values = state[law.channel]
+    add = law.correction(features, values)
+    least = (2.0 if acted else 1.0) * LEAST_SCATTER
+    return float(np.nanquantile(np.abs(add) / np.maximum(np.abs(values), 1e-300), 0.95)) < least
+
+
+def is_back_action(law: Law, features: Features, state: State, terms: Sequence[Term], view: View) -> bool:
+    """Whether a law on a plate is no more than the heat that a named node on it takes or leaves.
+
+    A node's law holds its plate as it was simulated; a real one gives way, by the ratio of their heat capacities.
+    """
+    return _size(law.correction(features, state[law.channel])) < _given_back(law.channel, terms, view)
+
+
+def without_back_actions(terms: Sequence[Term], view: View) -> tuple[Term, ...]:
+    """Terms without those on a plate alone that are no more than what a node on it gives back."""
+    kept = []
+    for term in terms:
+        rest = [t for t in terms if t is not term]
+        channel = term.variant.channels[0]
+        most = _given_back(channel, rest, view) if set(term.variant.channels) == {channel} else 0.0
+        if most == 0.0 or _size(forward(terms, view)[channel] - forward(rest, view)[channel]) >= most:
+            kept.append(term)
+    return tuple(kept)
+
+
+def _given_back(plate: str, terms: Sequence[Term], view: View) -> float:
+    """The most by which a plate answers to terms on what it carries; nil where none acts there."""
+    carried = [t for t in terms if str(t.variant.options.get("plate", "")).removeprefix("sim_") == plate]
+    if not carried:
+        return 0.0
+    moved, without = forward(terms, view), forward([t for t in terms if t not in carried], view)
+    return BACK_ACTION * max(_size(moved[name] - without[name]) for t in carried for name in t.variant.channels)
+
+
+def _size(change: FloatArray) -> float:
+    return float(np.sqrt(np.nanmean(change**2)))

@@ -1,0 +1,57 @@
+"""What a plate carries acts back on it: no cause of its own."""
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from arl_fixtures.reconcile.catalogue import library
+from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.table import columns_of
+
+KNOWN = [library()[name] for name in ("thermal.contact_resistance", "thermal.sensor_offset", "thermal.latent_heat")]
+
+
+def marched(coolant, load, contact):
+    """Plate and housing second by second, each giving the other what it takes; a bad contact holds the heat up."""
+    plate, housing = np.empty(coolant.size), np.empty(coolant.size)
+    plate[0] = housing[0] = coolant[0]
+    for k in range(1, coolant.size):
+        flow = (plate[k - 1] - housing[k - 1]) / contact
+        plate[k] = plate[k - 1] + 0.012 * (coolant[k] - plate[k - 1]) - 0.002 * flow
+        housing[k] = housing[k - 1] + 0.012 * flow + load[k]
+    return plate, housing
+
+
+def chamber(seed, contact, drag=0.0):
+    """Fourteen steps of 20 minutes; `drag`: the plate lags by so many kelvin on ramps for another reason."""
+    rng = np.random.default_rng(seed)
+    second, step = np.arange(14 * 1200.0), np.arange(14 * 1200) // 1200
+    set_c = 80.0 - 12.0 * np.abs(step - 7.0)
+    load = rng.uniform(0.005, 0.03, 14)[step]
+    coolant = np.empty(second.size)
+    coolant[0] = set_c[0]
+    for k in range(1, second.size):
+        coolant[k] = coolant[k - 1] + np.clip(set_c[k] - coolant[k - 1], -0.04, 0.04)
+    at = np.arange(30, second.size, 45)
+    simulated, true = marched(coolant, load, 1.0), marched(coolant, load, contact)
+    table = {
+        "step": step[at], "time_s": second[at], "set_temperature_c": set_c[at], "coolant_temperature_c": coolant[at],
+        "n_frames": np.full(at.size, 10.0),
+    }  # fmt: skip
+    extra = (drag * np.gradient(coolant)[at] / 0.04, 0.0)
+    for name, sim, is_, more in zip(("plate", "housing"), simulated, true, extra, strict=True):
+        table[f"sim_{name}_temperature_c"] = sim[at]
+        table[f"sim_{name}_temperature_c_std"] = np.full(at.size, 0.1)
+        table[f"{name}_temperature_c"] = is_[at] + more + 0.1 / np.sqrt(10.0) * rng.normal(size=at.size)
+    return columns_of(pa.table(table))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_plate_answers_to_a_bad_contact_of_what_it_carries(seed):
+    (found,) = diagnose(chamber(seed, 1.5), effects=KNOWN)[0].findings
+    assert (found.effect, found.channels) == ("thermal.contact_resistance", ["housing_temperature_c"])
+
+
+def test_a_plate_that_is_off_by_more_has_a_cause_of_its_own():
+    found = diagnose(chamber(3, 1.5, drag=-1.5), effects=KNOWN)[0].findings
+    assert any("plate_temperature_c" in f.channels for f in found)
