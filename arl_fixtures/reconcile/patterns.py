@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import stats
 
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
@@ -29,6 +30,11 @@ SPARSE_Z = 6.0
 SCATTER_GAIN = 9.0
 FEWEST_LEVELS = 5
 """Pixels or zones whose values make a pattern."""
+PLACES_OF_A_PIXEL = 1.5
+"""Stage angles per pixel, on average, below which what a pixel sees is not told from what it is."""
+MIDDLE, WELL_KNOWN, FEW_P = 0.27, 3.0, 1e-3
+"""Scatters within which a fifth of all pixels should lie; standard errors in a scatter of pixels that tell of it; and
+probability of as many so near as a pattern has that is none."""
 LEAST_SHARED = 0.3
 """Row errors that images must share at least, in the tenth of the rows in which it shows most: less is what
 neighbouring pixels' noise has in common."""
@@ -146,6 +152,8 @@ def _fit_pattern(
         z_half = SPARSE_Z if strong.any() else 0.0
     else:
         tau, gain = fit_tau(pull, total)
+        if _sees_one_place(problem) and _sits_in_few(measured[good], total[good], tau):
+            return None
         values[good] = pull[good] / (total[good] + 1.0 / max(tau, 1e-12) ** 2)
         size = tau
         z_half = half_z(gram, score, tau)
@@ -154,6 +162,27 @@ def _fit_pattern(
         for level in (_levels(parameter, keys, null, values), _levels(parameter, keys, null, measured))
     ]
     return Pattern(term=fitted[0], bare=fitted[1], gain=gain, z=z_half, size=size)
+
+
+def _sees_one_place(problem: Problem) -> bool:
+    """Whether the stage turns, and most pixels are in the table at one of its angles only."""
+    if not problem.view.varies("stage_angle_deg"):
+        return False
+    rows = problem.view.rows
+    pixel = np.unique(problem.columns.group("dut", "pixel_u", "pixel_v")[rows]).size
+    place = np.unique(problem.columns.group("dut", "pixel_u", "pixel_v", "stage_angle_deg")[rows]).size
+    return place < PLACES_OF_A_PIXEL * pixel
+
+
+def _sits_in_few(values: FloatArray, precision: FloatArray, tau: float) -> bool:
+    """Whether a pattern is that of some pixels, most others being far more alike than gains of such a scatter are.
+
+    Where each was seen at one place only, it is no gain: what a few see there is missing, an edge say.
+    """
+    sure = values[precision * tau**2 > WELL_KNOWN**2]
+    sure = sure - np.median(sure) if len(sure) else sure
+    near = float(stats.norm.cdf(MIDDLE)) * 2.0 - 1.0
+    return bool(stats.binom.sf(np.sum(np.abs(sure) < MIDDLE * tau) - 1, max(len(sure), 1), near) < FEW_P)
 
 
 def _levels(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import special, stats
 
-from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.problem import Problem
@@ -19,9 +19,9 @@ LEAST_UNLIMITED = 0.1
 """Share of a change that counts as seen by rows that are not held back, where there is less."""
 SMALLEST = 1e-290
 """Probability from which a number holds it with all its digits."""
-SPARE_PLACES = 1.5
-"""Places beyond its parameters, where it has several, from which what displaces rays must gain: fewer are hit by any
-that has so many."""
+SPARE_PLACES, OF_PLACES = 1.5, 0.9
+"""Places beyond its parameters from which a term of places must gain: fewer are hit by any that has so many. And the
+share of a change that is the same in a place at all times where it is such a term."""
 PRIOR_GROUPS, BARE_GROUPS = 20.0, 2.0
 """Groups on which the noise model's own covariance counts as resting; and where it was only told from the steps."""
 
@@ -50,11 +50,8 @@ def robust_gain(problem: Problem, found: Fit, first: int, gain: float) -> float:
         whole, change = whole - basis @ (basis.T @ whole), change - basis @ (basis.T @ change)
     if float(change @ change) <= 0.0:
         return 0.0
-    scanned = problem.view.varies("stage_angle_deg")
-    if scanned and any(term.variant.rough or term.effect.displaces for term in found.terms[first:]):
-        shapes = sum(index >= first for index, _ in found.keys)
-        if shapes > 1 and _places_won(problem, change, residual) < shapes + SPARE_PLACES:
-            return 0.0
+    if problem.view.varies("stage_angle_deg") and _hits_few_places(problem, found, first, change, residual):
+        return 0.0
     worst = np.inf
     groups = problem.groups
     for code in (groups.step, groups.frame, groups.angle, groups.pixel, groups.block):
@@ -76,15 +73,43 @@ def robust_gain(problem: Problem, found: Fit, first: int, gain: float) -> float:
     return gain if not np.isfinite(worst) else worst
 
 
-def _places_won(problem: Problem, change: FloatArray, left: FloatArray) -> float:
-    """From how many places (a pixel at a stage angle) a gain comes, each counting by its part of it.
+def _hits_few_places(problem: Problem, found: Fit, first: int, change: FloatArray, left: FloatArray) -> bool:
+    """Whether a gain comes from hardly more places (a pixel at a stage angle) than it has parameters.
 
     A pixel sees the same edge at the same angle in every step: where in the pixel the edge lies is one number that
-    all its rows share. A term of as many parameters as there are such places would hit them all.
+    all its rows share. A term of as many parameters as there are such places would hit them all: of those that
+    displace rays one with several, and one that does the same to a place at all times, whichever device looks at it.
     """
-    place = problem.codes(problem.columns.group("dut", "pixel_u", "pixel_v", "stage_angle_deg"))
-    gain = np.bincount(np.unique(place, return_inverse=True)[1], (change + 2.0 * left) * change)
+    shapes = sum(index >= first for index, _ in found.keys)
+    if any(term.variant.rough or term.effect.displaces for term in found.terms[first:]):
+        places = _places(problem, "dut", "pixel_u", "pixel_v", "stage_angle_deg")
+        return shapes > 1 and _places_won(places, change, left) < shapes + SPARE_PLACES
+    places = _places(problem, "pixel_u", "pixel_v", "stage_angle_deg")
+    channel = np.repeat(np.arange(len(problem.data)), [len(d.use) for d in problem.data])
+    if _share_of_places(_dense(places * len(problem.data) + channel), change) < OF_PLACES:
+        return False
+    return _places_won(places, change, left) < shapes + SPARE_PLACES
+
+
+def _places(problem: Problem, *columns: str) -> IntArray:
+    return _dense(problem.codes(problem.columns.group(*columns)))
+
+
+def _dense(code: IntArray) -> IntArray:
+    return np.unique(code, return_inverse=True)[1].astype(np.int64)
+
+
+def _places_won(place: IntArray, change: FloatArray, left: FloatArray) -> float:
+    """From how many places a gain comes, each counting by its part of it."""
+    gain = np.bincount(place, (change + 2.0 * left) * change)
     return max(float(gain.sum()), 0.0) ** 2 / max(float(gain @ gain), 1e-300)
+
+
+def _share_of_places(place: IntArray, change: FloatArray) -> float:
+    """Share of a change that is the same in every row of a place: what it sees, no condition, tells it."""
+    there = change != 0.0
+    mean = np.bincount(place[there], change[there]) / np.maximum(np.bincount(place[there]), 1)
+    return float(np.sum(mean[place[there]] ** 2)) / float(change @ change)
 
 
 def _unlimited(problem: Problem, found: Fit, change: FloatArray) -> float:
