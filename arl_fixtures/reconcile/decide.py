@@ -34,14 +34,7 @@ from arl_fixtures.reconcile.free_constants import constant_z
 from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.law_of_rest import law_of_rest
 from arl_fixtures.reconcile.one_cause import join_readouts
-from arl_fixtures.reconcile.patterns import (
-    PATTERN_GAIN,
-    Pattern,
-    Scatter,
-    find_patterns,
-    find_scatter,
-    is_calibration,
-)
+from arl_fixtures.reconcile.patterns import PATTERN_GAIN, Pattern, find_patterns, is_calibration
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.rivals import (
     has_other_place,
@@ -55,6 +48,7 @@ from arl_fixtures.reconcile.rivals import (
 )
 from arl_fixtures.reconcile.roles import FIELD_COLUMNS, PIXEL, PIXEL_COLUMNS, Role
 from arl_fixtures.reconcile.search import Found, Search
+from arl_fixtures.reconcile.shared_scatter import Scatter, find_scatter
 from arl_fixtures.reconcile.standing import Standing
 from arl_fixtures.reconcile.steadiness import is_unsteady
 from arl_fixtures.reconcile.terms import Term, forward

@@ -17,11 +17,12 @@ from arl_fixtures.reconcile.effects_render import rendered
 from arl_fixtures.reconcile.fit import Fit, finish, fit
 from arl_fixtures.reconcile.intervals import half_widths
 from arl_fixtures.reconcile.law import Law, LawTerm
-from arl_fixtures.reconcile.patterns import Pattern, Scatter
+from arl_fixtures.reconcile.patterns import Pattern
 from arl_fixtures.reconcile.region import columns_as_drivers, energy_region
 from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.screen import screen
 from arl_fixtures.reconcile.settling import shortlist
+from arl_fixtures.reconcile.shared_scatter import Scatter
 from arl_fixtures.reconcile.terms import RECORD_TIME, Term, forward
 from arl_fixtures.reconcile.told_apart import is_undecided
 

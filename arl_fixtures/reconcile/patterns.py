@@ -1,45 +1,31 @@
-"""What no tangent can score: free patterns over pixels, and scatter that rows of a group share by chance.
+"""What no tangent can score: free patterns over pixels.
 
 A pattern (one value per pixel) is accepted when the values fitted on half of the blocks predict the other half; a
-pattern that only mirrors the mean of a found effect is the calibration's answer to that effect, not a finding. Shared
-scatter is a finding only beyond what the table declares (`sim_X_repeat_std`); undeclared it is allowed for, unless it
-exceeds the scatter of a single frame.
+pattern that only mirrors the mean of a found effect is the calibration's answer to that effect, not a finding.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
-from arl_fixtures.reconcile.effect import Effect, Kind, Parameter, State, Variant
-from arl_fixtures.reconcile.followed import condition_of
-from arl_fixtures.reconcile.noise import Whitener, fit_tau
+from arl_fixtures.reconcile.effect import Effect, Parameter, State, Variant
+from arl_fixtures.reconcile.noise import fit_tau
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.silence import deaths, some_dark
 from arl_fixtures.reconcile.terms import Term, default_values, field_keys, forward
+from arl_fixtures.reconcile.uneven_pixels import is_smooth, sees_one_place, sits_in_few
 
 PATTERN_GAIN, PATTERN_Z = 6.0, 2.5
 """Log-likelihood and significance over blocks of a pattern: chance gave 2.1 and 2.0 at most in 110 null tables."""
 SPARSE_Z = 6.0
-SCATTER_GAIN = 9.0
 FEWEST_LEVELS = 5
 """Pixels or zones whose values make a pattern."""
-PLACES_OF_A_PIXEL = 1.5
-"""Stage angles per pixel, on average, below which what a pixel sees is not told from what it is."""
-MIDDLE, WELL_KNOWN, FEW_P = 0.27, 3.0, 1e-3
-"""Scatters within which a fifth of all pixels should lie; standard errors in a scatter of pixels that tell of it; and
-probability of as many so near as a pattern has that is none."""
-LEAST_SHARED = 0.3
-"""Row errors that images must share at least, in the tenth of the rows in which it shows most: less is what
-neighbouring pixels' noise has in common."""
-
-
 LEAST_ANSWERS, LEAST_LIGHT, LEAST_PART = 0.5, 0.85, 0.15
 """Share of its answers, or where none are counted of its light, that a dead pixel lacks; and a part of either."""
 
@@ -152,7 +138,9 @@ def _fit_pattern(
         z_half = SPARSE_Z if strong.any() else 0.0
     else:
         tau, gain = fit_tau(pull, total)
-        if _sees_one_place(problem) and _sits_in_few(measured[good], total[good], tau):
+        if sees_one_place(problem) and sits_in_few(measured[good], total[good], tau):
+            return None
+        if is_smooth(parameter.per, keys, np.where(total * tau**2 > 1.0, measured, np.nan)):
             return None
         values[good] = pull[good] / (total[good] + 1.0 / max(tau, 1e-12) ** 2)
         size = tau
@@ -162,27 +150,6 @@ def _fit_pattern(
         for level in (_levels(parameter, keys, null, values), _levels(parameter, keys, null, measured))
     ]
     return Pattern(term=fitted[0], bare=fitted[1], gain=gain, z=z_half, size=size)
-
-
-def _sees_one_place(problem: Problem) -> bool:
-    """Whether the stage turns, and most pixels are in the table at one of its angles only."""
-    if not problem.view.varies("stage_angle_deg"):
-        return False
-    rows = problem.view.rows
-    pixel = np.unique(problem.columns.group("dut", "pixel_u", "pixel_v")[rows]).size
-    place = np.unique(problem.columns.group("dut", "pixel_u", "pixel_v", "stage_angle_deg")[rows]).size
-    return place < PLACES_OF_A_PIXEL * pixel
-
-
-def _sits_in_few(values: FloatArray, precision: FloatArray, tau: float) -> bool:
-    """Whether a pattern is that of some pixels, most others being far more alike than gains of such a scatter are.
-
-    Where each was seen at one place only, it is no gain: what a few see there is missing, an edge say.
-    """
-    sure = values[precision * tau**2 > WELL_KNOWN**2]
-    sure = sure - np.median(sure) if len(sure) else sure
-    near = float(stats.norm.cdf(MIDDLE)) * 2.0 - 1.0
-    return bool(stats.binom.sf(np.sum(np.abs(sure) < MIDDLE * tau) - 1, max(len(sure), 1), near) < FEW_P)
 
 
 def _levels(
@@ -276,80 +243,3 @@ def _mean_by(code: IntArray, x: FloatArray, count: int) -> FloatArray:
 def _squared_correlation(a: FloatArray, b: FloatArray) -> float:
     power = float(a @ a) * float(b @ b)
     return float(a @ b) ** 2 / power if power > 0 else 0.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Scatter:
-    """Shared scatter beyond what is declared or bearable.
-
-    Attributes:
-        term: of a `Kind.GROUP_SCATTER` effect, its amplitude set.
-        level: `step`, `frame` or `angle`.
-        gain: log-likelihood over the declared scatter.
-        value: standard deviation in the channel's unit.
-        half_width: of its 95 % interval.
-        driver: recorded condition that the groups follow, so that it is no mere scatter; empty for none.
-    """
-
-    term: Term
-    channel: str
-    level: str
-    gain: float
-    value: float
-    half_width: float
-    driver: str
-
-
-def find_scatter(problem: Problem, effects: Sequence[Effect], state: State) -> list[Scatter]:
-    """Group scatter that the table's declarations do not cover, the strongest first."""
-    found = []
-    for effect in effects:
-        if effect.kind is not Kind.GROUP_SCATTER and not effect.common:
-            continue
-        for variant in effect.variants(problem.view):
-            if "group" not in variant.options:
-                continue
-            name, group = str(variant.options.get("channel", "")), str(variant.options.get("group", "step"))
-            data = next((d for d in problem.data if d.channel.name == name), None)
-            if data is None:
-                continue
-            made = _scatter_of(problem, effect, variant, data, group, state)
-            if made is not None:
-                found.append(made)
-    return sorted(found, key=lambda s: (-round(s.gain, 6), not s.term.effect.common))
-
-
-def _scatter_of(
-    problem: Problem, effect: Effect, variant: Variant, data: ChannelData, group: str, state: State
-) -> Scatter | None:
-    index = next((k for k, level in enumerate(data.levels) if level.name == group), None)
-    if index is None or data.channel.role.value == "scatter":
-        return None
-    level = data.levels[index]
-    inner = {lv.name: data.tau.get(lv.name, 0.0) for lv in data.levels[:index]}
-    partial = Whitener(data.root_weight, data.levels[: index + 1], {**inner, level.name: level.floor})
-    asked = replace(level, declared=False)  # whether the declaration holds is the question
-    tau, gain = data.level_scatter(data.residual(state), asked, partial)
-    declared = any(lv.declared for lv in data.levels)
-    size = tau * float(np.median(level.scale))
-    if gain < SCATTER_GAIN or (level.floor > 0 and (tau < 1.4 or not level.declared)):
-        return None
-    alone = data.stated * data.spread
-    small = size < float(np.median(alone * np.sqrt(np.maximum(problem.view.frames()[data.use], 1.0))))
-    driver = condition_of(problem, data, group, state, strict=small and not declared)
-    if effect.common:  # of single frames, each of one pulse: nothing else needs to be said of what they share
-        driver = ""
-    elif not declared and small and not driver:
-        return None
-    # a share of the signal shows where that is strong
-    if not effect.common and not level.declared and float(np.quantile(tau * level.scale / alone, 0.9)) < LEAST_SHARED:
-        return None
-    amplitude = next(p for p in variant.parameters if p.is_amplitude)
-    unit = 1.0 if effect.common else float(np.median(level.scale))  # of a share, or in counts
-    extra = float(np.sqrt(max(tau**2 - level.floor**2, 0.0))) * unit
-    term = Term(effect=effect, variant=variant, values={**default_values(variant), amplitude.name: extra})
-    return Scatter(
-        term=term, channel=data.channel.name, level=group, gain=gain, value=extra,
-        half_width=1.96 * extra / np.sqrt(2.0 * max(level.count - 1, 1)),
-        driver=driver,
-    )  # fmt: skip

@@ -5,11 +5,12 @@ import pytest
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.law_search import search_law
-from arl_fixtures.reconcile.patterns import find_scatter, shared_part
+from arl_fixtures.reconcile.patterns import shared_part
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.search import Search
+from arl_fixtures.reconcile.shared_scatter import find_scatter
 from arl_fixtures.reconcile.table import load_table
 
 OF_STEPS = (

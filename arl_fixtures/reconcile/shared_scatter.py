@@ -1,0 +1,100 @@
+"""Scatter that rows of a step, an image or an angle share by chance: a finding beyond what the table declares.
+
+Undeclared it is allowed for, unless it exceeds the scatter of a single frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from arl_fixtures.reconcile.channel_data import ChannelData
+from arl_fixtures.reconcile.effect import Effect, Kind, State, Variant
+from arl_fixtures.reconcile.followed import condition_of
+from arl_fixtures.reconcile.noise import Whitener
+from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.terms import Term, default_values
+
+SCATTER_GAIN = 9.0
+LEAST_SHARED = 0.3
+"""Row errors that images must share at least, in the tenth of the rows in which it shows most: less is what
+neighbouring pixels' noise has in common."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scatter:
+    """Shared scatter beyond what is declared or bearable.
+
+    Attributes:
+        term: of a `Kind.GROUP_SCATTER` effect, its amplitude set.
+        level: `step`, `frame` or `angle`.
+        gain: log-likelihood over the declared scatter.
+        value: standard deviation in the channel's unit.
+        half_width: of its 95 % interval.
+        driver: recorded condition that the groups follow, so that it is no mere scatter; empty for none.
+    """
+
+    term: Term
+    channel: str
+    level: str
+    gain: float
+    value: float
+    half_width: float
+    driver: str
+
+
+def find_scatter(problem: Problem, effects: Sequence[Effect], state: State) -> list[Scatter]:
+    """Group scatter that the table's declarations do not cover, the strongest first."""
+    found = []
+    for effect in effects:
+        if effect.kind is not Kind.GROUP_SCATTER and not effect.common:
+            continue
+        for variant in effect.variants(problem.view):
+            if "group" not in variant.options:
+                continue
+            name, group = str(variant.options.get("channel", "")), str(variant.options.get("group", "step"))
+            data = next((d for d in problem.data if d.channel.name == name), None)
+            if data is None:
+                continue
+            made = _scatter_of(problem, effect, variant, data, group, state)
+            if made is not None:
+                found.append(made)
+    return sorted(found, key=lambda s: (-round(s.gain, 6), not s.term.effect.common))
+
+
+def _scatter_of(
+    problem: Problem, effect: Effect, variant: Variant, data: ChannelData, group: str, state: State
+) -> Scatter | None:
+    index = next((k for k, level in enumerate(data.levels) if level.name == group), None)
+    if index is None or data.channel.role.value == "scatter":
+        return None
+    level = data.levels[index]
+    inner = {lv.name: data.tau.get(lv.name, 0.0) for lv in data.levels[:index]}
+    partial = Whitener(data.root_weight, data.levels[: index + 1], {**inner, level.name: level.floor})
+    asked = replace(level, declared=False)  # whether the declaration holds is the question
+    tau, gain = data.level_scatter(data.residual(state), asked, partial)
+    declared = any(lv.declared for lv in data.levels)
+    size = tau * float(np.median(level.scale))
+    if gain < SCATTER_GAIN or (level.floor > 0 and (tau < 1.4 or not level.declared)):
+        return None
+    alone = data.stated * data.spread
+    small = size < float(np.median(alone * np.sqrt(np.maximum(problem.view.frames()[data.use], 1.0))))
+    driver = condition_of(problem, data, group, state, strict=small and not declared)
+    if effect.common:  # of single frames, each of one pulse: nothing else needs to be said of what they share
+        driver = ""
+    elif not declared and small and not driver:
+        return None
+    # a share of the signal shows where that is strong
+    if not effect.common and not level.declared and float(np.quantile(tau * level.scale / alone, 0.9)) < LEAST_SHARED:
+        return None
+    amplitude = next(p for p in variant.parameters if p.is_amplitude)
+    unit = 1.0 if effect.common else float(np.median(level.scale))  # of a share, or in counts
+    extra = float(np.sqrt(max(tau**2 - level.floor**2, 0.0))) * unit
+    term = Term(effect=effect, variant=variant, values={**default_values(variant), amplitude.name: extra})
+    return Scatter(
+        term=term, channel=data.channel.name, level=group, gain=gain, value=extra,
+        half_width=1.96 * extra / np.sqrt(2.0 * max(level.count - 1, 1)),
+        driver=driver,
+    )  # fmt: skip
