@@ -79,11 +79,14 @@ def _hits_few_places(problem: Problem, found: Fit, first: int, change: FloatArra
     A pixel sees the same edge at the same angle in every step: where in the pixel the edge lies is one number that
     all its rows share. A term of as many parameters as there are such places would hit them all: of those that
     displace rays one with several, and one that does the same to a place at all times, whichever device looks at it.
+    What mixes pixels with others acts in few places by its nature.
     """
-    shapes = sum(index >= first for index, _ in found.keys)
-    if any(term.variant.rough or term.effect.displaces for term in found.terms[first:]):
+    shapes, newest = sum(index >= first for index, _ in found.keys), found.terms[first:]
+    if any(term.variant.rough or term.effect.displaces for term in newest):
         places = _places(problem, "dut", "pixel_u", "pixel_v", "stage_angle_deg")
         return shapes > 1 and _places_won(places, change, left) < shapes + SPARE_PLACES
+    if any(term.effect.mixes for term in newest):
+        return False
     places = _places(problem, "pixel_u", "pixel_v", "stage_angle_deg")
     channel = np.repeat(np.arange(len(problem.data)), [len(d.use) for d in problem.data])
     if _share_of_places(_dense(places * len(problem.data) + channel), change) < OF_PLACES:

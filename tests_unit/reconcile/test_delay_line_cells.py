@@ -63,6 +63,16 @@ def test_a_relay_that_adds_its_delay_beyond_a_distance_is_no_delay_line():
     assert [(f.effect, f.drivers) for f in found] == [("unknown", ["true_range_m"])]
 
 
+@pytest.mark.parametrize(("targets", "waves"), [(10, []), (16, [1]), (40, [1, 3])])
+def test_few_targets_tell_no_waves_of_many_numbers(targets, waves):
+    columns = rail(1, 0.0)
+    metres = columns["true_range_m"]
+    kept = np.isin(metres, np.unique(metres)[np.linspace(0, 119, targets).astype(int)])
+    view = View(columns_of(pa.table({name: x[kept] for name, x in columns.items()})))
+    offered = library()["timing.tdc_nonlinearity"].variants(view)
+    assert [v.options.get("harmonics", 1) for v in offered] == waves
+
+
 def test_a_slow_clock_is_told_where_its_period_is_swept_several_times():
     """15 MHz: ten metres of range to a period, of which targets on a rail of 45 m pass four; cells by counting."""
     table = rail(4, 0.0)

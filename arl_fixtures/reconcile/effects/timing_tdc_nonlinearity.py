@@ -21,6 +21,8 @@ from arl_fixtures.reconcile.view import View
 
 USUAL_M, LONGEST_M = 4.0, 20.0
 """Periods, as distances: of clocks from some 40 MHz; of slower ones from 7.5 MHz, where two and a half are swept."""
+DISTINCT = 4
+"""Distances for each parameter: as many waves as there are targets draw anything."""
 HARMONICS = 3
 """Waves in a period by which cells of unequal length are told: their error, a sum of many, has little above."""
 
@@ -48,13 +50,16 @@ class TdcNonlinearity(Effect):
             spread, reach = _spread(view, distance)
             if not spread > 0.0:
                 continue
-            size = per_metre(unit_of(distance))
+            size, metres = per_metre(unit_of(distance)), view.columns.numbers[f"sim_{distance}"]
+            distinct = len(np.unique(np.round(metres[np.isfinite(metres)] / spread, 3)))
             longest = max(min(0.7 * spread, USUAL_M * size), min(0.4 * spread, LONGEST_M * size))
             shortest = max(spread / 30.0, 0.01 * size)
             if longest <= 1.05 * shortest:
                 continue
             starts = period_starts(shortest, longest, spread, most=40)
             for harmonics in (1, HARMONICS):
+                if distinct < DISTINCT * (2 * harmonics + 1):
+                    continue
                 most = 1.15 * longest if harmonics == 1 else 0.5 * spread  # a shape is one when it comes again
                 told = [start for start in starts if start < most]
                 if not told:
