@@ -149,7 +149,19 @@ def look(
     return light, moment
 
 
+def echoes(optics: Optics, spots: Spots) -> tuple[FloatArray, FloatArray]:
+    """Light and range (metres) of each ray of spots, (spots, rays): what `look` takes the mean of."""
+    light, moment = _traced(optics, spots, NOMINAL, rays_of(optics, spots))
+    return light, moment / np.maximum(light, 1e-300)
+
+
 def _look(optics: Optics, spots: Spots, pose: Pose, rays: Rays) -> tuple[FloatArray, FloatArray]:
+    light, moment = _traced(optics, spots, pose, rays)
+    return light.mean(axis=1), moment.mean(axis=1)
+
+
+def _traced(optics: Optics, spots: Spots, pose: Pose, rays: Rays) -> tuple[FloatArray, FloatArray]:
+    """Light, and light times range, of each ray."""
     scene = optics.scene
     x, y, z = _tilted(rays, pose)
     if np.any(pose.turn_deg):
@@ -188,7 +200,7 @@ def _look(optics: Optics, spots: Spots, pose: Pose, rays: Rays) -> tuple[FloatAr
         open_ = 1.0 - cover
         weight[near] = weight[near] * open_ + share
         moment[near] = moment[near] * open_ + share * far
-    return weight.mean(axis=1), moment.mean(axis=1)
+    return weight, moment
 
 
 def _tilted(rays: Rays, pose: Pose) -> Rays:

@@ -15,7 +15,7 @@ from scipy.special import ive
 
 from arl_fixtures.reconcile.effects_bench import Bench, bench_of
 from arl_fixtures.reconcile.effects_common import distances, per_view, signals
-from arl_fixtures.reconcile.effects_rays import NOMINAL, Pose, look, rays_of
+from arl_fixtures.reconcile.effects_rays import NOMINAL, Pose, echoes, look, rays_of
 from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]
@@ -47,6 +47,28 @@ def rendered(view: View, pose: Pose = NOMINAL, *, whole: bool = False) -> dict[s
     return _by_channel(view, bench, *_kept(view, bench, pose))
 
 
+def ray_echoes(view: View) -> tuple[FloatArray, FloatArray, IntArray] | None:
+    """Light and range (in the table's unit) of the rays of pixels that see several ranges, (spots, rays) each.
+
+    And the rows' spots among these, −1 where a pixel sees one range only, or is simulated otherwise than the bench
+    would show it; None where nothing can be rendered.
+    """
+    bench = bench_of(view)
+    if bench is None:
+        return None
+
+    def make() -> tuple[FloatArray, FloatArray, IntArray]:
+        numbers, _, back = distinct_spots(view, bench)
+        light, metres = echoes(bench.optics, bench.spots.take(numbers))
+        several = np.ptp(metres, axis=1) > _SEVERAL_M
+        place = np.where(several, np.cumsum(several) - 1, -1)[back]
+        return light[several], metres[several] * bench.unit, np.where(as_simulated(view), place, -1)
+
+    return per_view(view, "ray echoes", make)
+
+
+_SEVERAL_M = 0.02
+"""Spread of the rays' ranges from which a pixel holds more than one surface: slanted ones spread less."""
 _SAME_LIGHT, _SAME_RANGE_M = 0.2, 0.03
 """Differences of light (natural logarithm) and range up to which a row is simulated as the bench would show it."""
 

@@ -105,9 +105,9 @@ def _alternatives(
         alternatives, and those among them that cannot be told apart with the measurement that each asks for.
     """
     term = decision.best.terms[index]
-    # what a law says of other channels, no name in this one's place may earn
-    elsewhere = {law.channel for law in decision.laws} - set(decision.energy(term))
-    variants = [v for v in decision.search.variants if not set(v[1].channels) <= elsewhere]
+    # what it gains in other channels alone speaks for no name in this one's place
+    acted = set(decision.energy(term)) or set(term.variant.channels)
+    variants = [v for v in decision.search.variants if acted & set(v[1].channels)]
     again = screen(decision.search.small, variants, without.terms)
     ranked = decision.search.rank(without, shortlist(again.candidates)[:10])
     own = gain - PRICE * len(term.free())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 
 import numpy as np
 
@@ -17,18 +18,20 @@ from arl_fixtures.reconcile.effects_common import (
     set_light,
     shape,
 )
-from arl_fixtures.reconcile.effects_render import as_simulated, footprint, rendered
+from arl_fixtures.reconcile.effects_render import as_simulated, footprint, ray_echoes, rendered
 from arl_fixtures.reconcile.effects_surface import at_centre, beyond_border, borders, light_share
 from arl_fixtures.reconcile.roles import Role, per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 _PEAKS = ("echo", "locked")
+_OF_RAYS = ("first ray", "peak of rays", "peak at mean")
 _SPREAD = {
     "footprint": shape("filled", "px", 0.3, 1.5, 1.0, 0.7),
     "blurred": shape("blur", "px", 0.05, 1.2, 0.3),
 }
 """Means over a whole pixel: kind to how wide it is."""
-_CLIMBS = 25
+_CLIMBS, _ARRIVED = 25, 1e-4
+"""Steps uphill, and parts of a width that no step is worth any more."""
 
 
 class EdgeMixing(Effect):
@@ -40,6 +43,8 @@ class EdgeMixing(Effect):
       or that of the pixel's centre; closer together they merge.
     * range: D takes a share of the other side's range, in proportion to its light (negative: gives some back).
     * both: the other side's light too: more of it is in the pixel than the simulation says.
+    * first ray, peak of rays, peak at mean: the same of the rays of a bench that is known: the nearest one; the peak
+      of their echoes, climbed from the brightest one, or from their mean.
     * footprint: where the simulation looks through a few sharp rays, the mean of light and range (by light) over what
       the pixel sees, `filled` pixels wide.
     * blurred: the same over a whole pixel and what a lens adds about it, with the standard deviation `blur`.
@@ -63,6 +68,15 @@ class EdgeMixing(Effect):
                     channels=tuple(dict.fromkeys((*distances(view), *lights))),
                     drivers=tuple(name for name in ("mixed", "surface", "pixel_u") if view.has(name)),
                     rough=True,
+                )
+            for kind in _OF_RAYS if distances(view) and ray_echoes(view) is not None else ():
+                pulse = () if kind == "first ray" else (shape("pulse", "m", 0.02, 2.0, 0.15, 0.6),)
+                yield Variant(
+                    effect=self.id,
+                    options={"kind": kind},
+                    parameters=(amplitude("share", "1", -0.9, 1.2, 0.1), *pulse),
+                    channels=distances(view),
+                    drivers=tuple(name for name in ("mixed", "surface", "pixel_u") if view.has(name)),
                 )
         if not view.labels("surface") or not borders(view).any():
             return
@@ -90,6 +104,9 @@ class EdgeMixing(Effect):
         share = float(values["share"])
         if variant.options["kind"] in _SPREAD:
             _spread(view, state, share, float(values.get("filled", 1.0)), float(values.get("blur", 0.0)))
+            return
+        if variant.options["kind"] in _OF_RAYS:
+            _picked(view, state, share, str(variant.options["kind"]), float(values.get("pulse", 0.0)))
             return
         if variant.options["kind"] in ("dominant", "nearest", *_PEAKS):
             for name in distances(view):
@@ -121,6 +138,9 @@ class EdgeMixing(Effect):
         if kind in _SPREAD:
             over = "`filled` pixels" if kind == "footprint" else "a pixel blurred by `blur`"
             return f"signal, distance = share * (mean by light over {over}) + (1 - share) * simulated"
+        if kind in _OF_RAYS:
+            picked = "range of the nearest ray" if kind == "first ray" else f"{kind}, echoes of length pulse"
+            return f"where rays differ: distance += share * ({picked} - simulated distance)"
         if kind in _PEAKS:
             return "at borders: distance += share * (peak of both surfaces' echoes of length pulse - distance)"
         if kind in ("dominant", "nearest"):
@@ -136,6 +156,12 @@ class EdgeMixing(Effect):
             return (
                 f"A pixel mixes what lies in {wide}, by {values['share'] * 100:.2g} %; the simulation looks through "
                 "a few rays."
+            )
+        if kind in _OF_RAYS:
+            picked = "nearest surface" if kind == "first ray" else "peak of their echoes"
+            return (
+                f"Where a pixel sees several ranges, it reports {values['share'] * 100:.0f} % of the way to the "
+                f"{picked} rather than their mean."
             )
         if kind in _PEAKS:
             return (
@@ -176,6 +202,38 @@ def _spread(view: View, state: State, share: float, filled: float, blur: float) 
         part = np.where(known, np.clip(share * mean[channel] / rays[channel] / ratio, -2.0, 2.0), 0.0)
         state[name] = state[name] + part * (mean[name] - rays[name])
     set_light(view, state, channel, state[channel] * ratio)
+
+
+def _picked(view: View, state: State, share: float, kind: str, pulse_m: float) -> None:
+    """Move ranges of pixels whose rays see several a share of the way to the one that is picked."""
+    seen = ray_echoes(view)
+    if seen is None or not seen[0].size:
+        return
+    light, ranges, spot = seen
+    for name in distances(view):
+        width = pulse_m * per_metre(unit_of(name))
+        moved = per_view(view, ("picked", kind, width), partial(_from_mean, light, ranges, kind, width))
+        state[name] = state[name] + np.where(spot >= 0, share * moved[spot], 0.0)
+
+
+def _from_mean(light: FloatArray, ranges: FloatArray, kind: str, width: float) -> FloatArray:
+    """How far the picked range of each spot lies from the mean by light."""
+    mean = np.sum(light * ranges, axis=1) / np.sum(light, axis=1)
+    if kind == "first ray":
+        return np.asarray(ranges.min(axis=1) - mean)
+    start = ranges[np.arange(len(ranges)), light.argmax(axis=1)] if kind == "peak of rays" else mean
+    return np.asarray(_climbed(light, ranges, start, width) - mean)
+
+
+def _climbed(light: FloatArray, ranges: FloatArray, start: FloatArray, width: float) -> FloatArray:
+    """Peak of Gaussian echoes uphill from a start: the fixed point of their mean shift."""
+    place = start.copy()
+    for _ in range(_CLIMBS):
+        echo = light * np.exp(-0.5 * ((ranges - place[:, None]) / width) ** 2)
+        before, place = place, np.sum(echo * ranges, axis=1) / np.maximum(np.sum(echo, axis=1), 1e-300)
+        if float(np.max(np.abs(place - before))) < _ARRIVED * width:
+            break
+    return place
 
 
 def _winner(view: View, name: str, kind: str) -> FloatArray:
