@@ -82,7 +82,7 @@ def as_simulated(view: View) -> NDArray[np.bool_]:
     def make() -> NDArray[np.bool_]:
         bench, seen = bench_of(view), rendered(view)
         same = np.ones(view.n, dtype=bool)
-        if bench is None or seen is None or not bench.sharp:
+        if bench is None or seen is None or not (bench.sharp or bench.is_other):
             return same
         spot, camera = bench.index[view.rows], bench.optics.camera
         unit = view.columns.group("dut")[view.rows]

@@ -9,7 +9,7 @@ from arl_fixtures.reconcile.columns import find_channels
 from arl_fixtures.reconcile.derived_rays import as_the_table_says, derive_rays
 from arl_fixtures.reconcile.effects_bench import bench_of, is_sharp
 from arl_fixtures.reconcile.effects_rays import Pose
-from arl_fixtures.reconcile.effects_render import rendered
+from arl_fixtures.reconcile.effects_render import as_simulated, rendered
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.view import View
 
@@ -71,6 +71,26 @@ def test_soft_edges_of_a_bench_that_was_rebuilt_move_as_its_pixels_areas_do():
     light = view.sim[LIGHT] * (there[LIGHT] / here[LIGHT] - 1.0)
     moved = view.number(LIGHT) - view.sim[LIGHT]
     assert np.sum((light - moved) ** 2) < 0.05 * np.sum(moved**2)
+
+
+@pytest.mark.parametrize("tall", [0.30, 0.24])
+def test_stripes_that_are_cut_shorter_are_left_out_of_a_rebuilt_bench(tall):
+    """Half their height is 0.4 m on the nominal bench. What is known is shown, what is cut off is not foretold."""
+    rebuilt = {"arc_m": 1.27, "wall_m": 1.85, "places": FIFTEENTHS}
+    columns, uncut = (
+        with_surfaces(table(turn_deg=0.1, noise=False, angles=31, tall=t, **rebuilt), arc_m=1.27, wall_m=1.85)
+        for t in (tall, 0.40)
+    )
+    view = View(columns)
+    assert bench_of(view) is not None
+    known, cut = as_simulated(view), np.abs(view.sim[LIGHT] / View(uncut).sim[LIGHT] - 1.0) > 0.2
+    assert cut.any()
+    assert not known[cut].any()
+    assert np.mean(known) > 0.9
+    there, here = rendered(view, Pose(turn_deg=0.1)), rendered(view)
+    light = view.sim[LIGHT] * (there[LIGHT] / here[LIGHT] - 1.0)
+    moved = view.number(LIGHT) - view.sim[LIGHT]
+    assert np.sum((light - moved)[known] ** 2) < 0.15 * np.sum(moved[known] ** 2)
 
 
 def test_another_scene_is_not_calibrated_into_the_bench():

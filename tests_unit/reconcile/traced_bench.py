@@ -15,7 +15,7 @@ FIFTEENTHS = tuple((np.arange(15) - 7.0) / 15.0)
 
 def trace(
     u, v, stage_deg, height_m, *, fx=58.1, tilt_deg=(0.0, 0.0, 0.0), forward_m=0.0, panels=True, places=THIRDS,
-    arc_m=1.1, wall_m=1.6, paint=0.06,
+    arc_m=1.1, wall_m=1.6, paint=0.06, tall=0.40,
 ):  # fmt: skip
     """Light and range of pixels: yaw right, pitch up and roll clockwise in `tilt_deg`; `places` of its rays."""
     lights, moments = np.zeros(u.size), np.zeros(u.size)
@@ -30,14 +30,15 @@ def trace(
             y, z = np.cos(pitch) * y - np.sin(pitch) * z, np.sin(pitch) * y + np.cos(pitch) * z
             x, z = np.cos(yaw) * x + np.sin(yaw) * z, -np.sin(yaw) * x + np.cos(yaw) * z
             light, far = one_ray(
-                np.arctan2(x, z), -y, np.radians(stage_deg), height_m, forward_m, panels, arc_m, wall_m, paint
-            )
+                np.arctan2(x, z), -y, np.radians(stage_deg), height_m, forward_m, panels, arc_m, wall_m, paint,
+                tall,
+            )  # fmt: skip
             lights += light / len(places) ** 2
             moments += light * far / len(places) ** 2
     return lights, moments / lights
 
 
-def one_ray(azimuth, up, stage, height_m, forward_m, panels, arc_m=1.1, wall_m=1.6, paint=0.06):
+def one_ray(azimuth, up, stage, height_m, forward_m, panels, arc_m=1.1, wall_m=1.6, paint=0.06, stripe=0.40):
     """Light and range of rays: clockwise azimuth in the sensor's frame, sine of the elevation."""
     level = np.sqrt(1.0 - up * up)
     bearing = azimuth + stage
@@ -46,7 +47,7 @@ def one_ray(azimuth, up, stage, height_m, forward_m, panels, arc_m=1.1, wall_m=1
     far = (np.sqrt(b * b + wall_m**2 - forward_m**2) - b) / level
     cosine = level * (b + far * level) / wall_m
     rho = np.full(up.shape, paint)
-    targets = [(a, 0.0675, 0.40, value, False) for a, value in STRIPES] + [
+    targets = [(a, 0.0675, stripe, value, False) for a, value in STRIPES] + [
         (a, 0.28, 0.28, 0.05, True) for a in BOARDS
     ]
     for angle, half, tall, value, dots in targets if panels else ():
@@ -75,7 +76,7 @@ def table(*, seed=3, height_m=0.10, turn_deg=0.0, noise=True, angles=41, pixels=
     axes = np.meshgrid(np.arange(3), np.linspace(-18.0, 18.0, angles), np.arange(pixels), indexing="ij")
     step, stage, which = (axis.ravel() for axis in axes)
     u, v = (flat % 122 + 3.0)[which], (flat // 122 + 3.0)[which]
-    own = {name: real[name] for name in ("fx", "panels", "arc_m", "wall_m", "paint", "places") if name in real}
+    own = {n: real[n] for n in ("fx", "panels", "arc_m", "wall_m", "paint", "places", "tall") if n in real}
     sim_light, sim_far = trace(u, v, stage, height_m, **own)
     light, far = trace(u, v, stage + turn_deg, height_m, **real)
     if whole:
