@@ -26,6 +26,7 @@ class Chosen:
     Attributes:
         held: log-likelihood gained on unseen blocks.
         z: its significance over blocks.
+        rows: from how many rows it comes, each counting by its part.
         inside: the same on the rows of the fit itself.
         left: whitened residual.
         plain: gain of the channel's likelihood, less `cost`: what laws and names are compared by.
@@ -40,6 +41,7 @@ class Chosen:
     errors: list[FloatArray] = field(default_factory=list)
     held: float = 0.0
     z: float = 0.0
+    rows: float = 0.0
     left: FloatArray = field(default_factory=lambda: np.zeros(0))
     inside: float = 0.0
     plain: float = 0.0
@@ -66,7 +68,8 @@ def joint(work: Work, terms: list[Candidate]) -> Chosen:
     inverse = np.linalg.inv(gram + precision + _ridge(gram))
     values = inverse @ score
     predicted = _cross_predicted(work, vectors, precision, work.fold)
-    gains = np.bincount(work.block, 0.5 * (work.residual**2 - (work.residual - predicted) ** 2))
+    each = 0.5 * (work.residual**2 - (work.residual - predicted) ** 2)
+    gains = np.bincount(work.block, each)
     spread = float(np.sqrt(np.sum((gains - gains.mean()) ** 2)))
     split = np.cumsum([len(t.vectors) for t in terms])[:-1]
     errors = np.sqrt(np.maximum(np.diag(inverse), 0.0))
@@ -74,6 +77,7 @@ def joint(work: Work, terms: list[Candidate]) -> Chosen:
     return Chosen(
         terms=terms, values=np.split(values, split), errors=np.split(errors, split), held=float(gains.sum()),
         z=float(gains.sum()) / spread if spread > 0 else 0.0, left=left,
+        rows=float(each.sum()) ** 2 / max(float(each @ each), 1e-300),
         inside=0.5 * float(work.residual @ work.residual - left @ left),
         scatter=scatter_where(work.residual - left, left, work.image), image=work.image,
     )  # fmt: skip

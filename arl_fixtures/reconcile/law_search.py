@@ -49,6 +49,9 @@ START_GAIN = 3.0
 
 LAW_GAIN = 9.0
 """Log-likelihood that a law must gain on unseen blocks where nothing else tells of a mismatch."""
+LEAST_ROWS = 3.5
+"""Rows, each counting by its part, from which the gain must come: any law of three factors hits two wild ones. False
+alarms came from 2.0 and 2.8, the faintest true laws from 5.3."""
 LIKELIER, LIKELIER_SHARED, LIKELIER_BESIDE = 4.0, 0.5, 6.0
 """Marginal likelihood of a whole law, less its price, that tells of a mismatch. A law of what steps share needs next
 to none: its gain is already that of a test which knows how few they are. Of 122 null tables one exceeds these (a law
@@ -63,7 +66,7 @@ step share cannot imitate it."""
 
 def is_law(chosen: Chosen, *, beside: bool = False) -> bool:
     """Whether a law by itself is evidence of a mismatch; `beside`: of one that a name in the channel leaves."""
-    if not chosen.terms or chosen.held < LAW_GAIN * chosen.scatter:
+    if not chosen.terms or chosen.held < LAW_GAIN * chosen.scatter or chosen.rows < LEAST_ROWS:
         return False
     usual = LIKELIER_SHARED if chosen.shared else LIKELIER
     least = LIKELIER_BESIDE if beside else usual

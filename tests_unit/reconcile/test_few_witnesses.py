@@ -58,6 +58,28 @@ def test_a_single_step_may_tell_of_what_lies_within_its_image(tmp_path, make_tab
     assert is_law(chosen) == found
 
 
+@pytest.mark.parametrize(("steps_off", "found"), [(2, False), (14, True)])
+def test_two_readings_of_the_only_edge_tell_nothing_of_edges(tmp_path, make_table, save, steps_off, found):
+    """One pixel at one angle sees an edge. It is off in the last two steps, or in all."""
+
+    def at_the_edge(columns, _rng):
+        pixel = columns["pixel_u"] + 1000.0 * columns["pixel_v"]
+        columns["mixed"] = (pixel == pixel[3]) & (columns["stage_angle_deg"] == columns["stage_angle_deg"][0])
+        off = columns["mixed"] & (columns["step"] >= 14 - steps_off)
+        columns["distance_m"] = columns["distance_m"] + 9.0 * columns["sim_distance_m_std"] / np.sqrt(10.0) * off
+
+    columns = load_table(save(tmp_path / "edge.parquet", make_table(71, at_the_edge, duts=1)))
+    looker = Looker(Problem(columns))
+    data = next(d for d in looker.problem.data if d.channel.name == "distance_m")
+    data.trust = np.ones(len(data.use))  # they stand by each other
+    data.rebuild(data.tau)
+    looker.calibrate(data, looker.problem.view.fresh_state())
+    _, chosen = search_law(looker, data, looker.problem.view.fresh_state(), ["mixed", "step"])
+    assert chosen.terms
+    assert (chosen.rows > 10.0) == found
+    assert is_law(chosen) == found
+
+
 def test_a_gain_beyond_any_probability_is_worth_its_logarithm():
     """A law of a hundred steps that leaves next to nothing has no tail that a number holds, and is not infinite."""
     worth = [of_few_steps(float(gain), 2, steps(100)) for gain in (600.0, 800.0, 1600.0, 16_000.0)]
