@@ -172,7 +172,8 @@ def expect(rows: Rows, reality: Reality, light: Light | None = None) -> Expected
     amplitude = passed.counts
     for add in reality.stray:
         amplitude = amplitude + add(rows, amplitude)
-    distance = np.sum(passed.weight * passed.hits.range_m, axis=1) / np.sum(passed.weight, axis=1)
+    with np.errstate(invalid="ignore"):  # a pixel all of whose light is lost has no range
+        distance = np.sum(passed.weight * passed.hits.range_m, axis=1) / np.sum(passed.weight, axis=1)
     for mix in reality.mixing:
         distance = mix(rows, passed, distance)
     intensity = amplitude
