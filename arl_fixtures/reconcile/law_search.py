@@ -50,8 +50,8 @@ START_GAIN = 3.0
 LAW_GAIN = 9.0
 """Log-likelihood that a law must gain on unseen blocks where nothing else tells of a mismatch."""
 LEAST_ROWS = 2.5
-"""Rows, each counting by its part, from which the gain must come: any law of three factors hits two wild ones. A false
-alarm came from 2.0, what a stage's error does at a few edges from 2.8, the faintest laws of other causes from 5.3."""
+"""Rows, each counting by its part, from which the gain must come: any law of three factors hits two wild ones. A
+false alarm came from 2.0, what a stage's error does at a few edges from 2.8, other faint laws from 5.3."""
 LIKELIER, LIKELIER_SHARED, LIKELIER_BESIDE = 4.0, 0.5, 6.0
 """Marginal likelihood of a whole law, less its price, that tells of a mismatch. A law of what steps share needs next
 to none: its gain is already that of a test which knows how few they are. Of 122 null tables one exceeds these (a law
