@@ -139,8 +139,9 @@ class EdgeMixing(Effect):
             over = "`filled` pixels" if kind == "footprint" else "a pixel blurred by `blur`"
             return f"signal, distance = share * (mean by light over {over}) + (1 - share) * simulated"
         if kind in _OF_RAYS:
-            picked = "range of the nearest ray" if kind == "first ray" else f"{kind}, echoes of length pulse"
-            return f"where rays differ: distance += share * ({picked} - simulated distance)"
+            picked = "range of the nearest ray" if kind == "first ray" else str(kind)
+            law = f"where rays differ: distance += share * ({picked} - simulated distance)"
+            return law if kind == "first ray" else f"{law}, echoes of length pulse"
         if kind in _PEAKS:
             return "at borders: distance += share * (peak of both surfaces' echoes of length pulse - distance)"
         if kind in ("dominant", "nearest"):
