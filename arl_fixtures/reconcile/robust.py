@@ -19,7 +19,7 @@ LEAST_UNLIMITED = 0.1
 """Share of a change that counts as seen by rows that are not held back, where there is less."""
 SMALLEST = 1e-290
 """Probability from which a number holds it with all its digits."""
-SPARE_PLACES, OF_PLACES = 1.5, 0.9
+SPARE_PLACES, SPARE_FIXED, OF_PLACES = 1.5, 2.0, 0.9
 """Places beyond its parameters from which a term of places must gain: fewer are hit by any that has so many. And the
 share of a change that is the same in a place at all times where it is such a term."""
 PRIOR_GROUPS, BARE_GROUPS = 20.0, 2.0
@@ -91,7 +91,7 @@ def _hits_few_places(problem: Problem, found: Fit, first: int, change: FloatArra
     channel = np.repeat(np.arange(len(problem.data)), [len(d.use) for d in problem.data])
     if _share_of_places(_dense(places * len(problem.data) + channel), change) < OF_PLACES:
         return False
-    return _places_won(places, change, left) < shapes + SPARE_PLACES
+    return _places_won(places, change, left, faint=True) < shapes + SPARE_FIXED
 
 
 def _places(problem: Problem, *columns: str) -> IntArray:
@@ -102,10 +102,14 @@ def _dense(code: IntArray) -> IntArray:
     return np.unique(code, return_inverse=True)[1].astype(np.int64)
 
 
-def _places_won(place: IntArray, change: FloatArray, left: FloatArray) -> float:
-    """From how many places a gain comes, each counting by its part of it."""
+def _places_won(place: IntArray, change: FloatArray, left: FloatArray, *, faint: bool = False) -> float:
+    """From how many places a gain comes, each counting by its part of it.
+
+    What noise makes of the gains of places (a scatter of twice the change) is no sign of few; `faint`: taken off.
+    """
     gain = np.bincount(place, (change + 2.0 * left) * change)
-    return max(float(gain.sum()), 0.0) ** 2 / max(float(gain @ gain), 1e-300)
+    noise = 4.0 * float(change @ change) if faint else 0.0
+    return max(float(gain.sum()), 0.0) ** 2 / max(float(gain @ gain) - noise, 1e-300)
 
 
 def _share_of_places(place: IntArray, change: FloatArray) -> float:
