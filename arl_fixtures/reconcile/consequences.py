@@ -30,7 +30,8 @@ def is_back_action(law: Law, features: Features, state: State, terms: Sequence[T
 
     A node's law holds its plate as it was simulated; a real one gives way, by the ratio of their heat capacities.
     """
-    return _size(law.correction(features, state[law.channel])) < _given_back(law.channel, terms, view)
+    most = _given_back(law.channel, terms, view)
+    return most > 0.0 and _size(law.correction(features, state[law.channel])) < most
 
 
 def without_back_actions(terms: Sequence[Term], view: View) -> tuple[Term, ...]:

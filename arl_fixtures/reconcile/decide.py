@@ -94,7 +94,7 @@ class Decision:
             pass  # what stands beside fewer names is asked anew
         own = without_back_actions(self.best.terms, self.problem.view)
         if len(own) < len(self.best.terms):
-            self.best = finish(self.problem, fit(self.problem, own, rounds=4))
+            self._keep(own)
             self._look()
         self._find_laws()
         self._drop_shadowed()
@@ -179,13 +179,17 @@ class Decision:
             return False
         for d in self.problem.data:
             d.follow(forward(kept, self.problem.view))
-        self.best = finish(self.problem, fit(self.problem, kept, rounds=4))
+        self._keep(kept)
         # a name may only have mended one that does not stand
         self.best = self.search.prune(self.best, self.found.screening)
         self.patterns = []  # found beside what does not stand
         self._look()
         self._add_patterns()
         return True
+
+    def _keep(self, terms: Sequence[Term]) -> None:
+        """Fit the names that are left anew."""
+        self.best = finish(self.problem, fit(self.problem, terms, rounds=4))
 
     def _mismatch_of(self, term: Term) -> tuple[str, Law]:
         """Channel that a term moves most, and a law without terms: what passed for a name is a mismatch for sure."""

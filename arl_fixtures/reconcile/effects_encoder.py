@@ -14,7 +14,7 @@ from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.view import View
 
-LENGTHS = frozenset({"m", "cm", "mm"})
+_LENGTHS = frozenset({"m", "cm", "mm"})
 _SLIDES = frozenset({"stage", "slide", "rail", "carriage", "spindle"})
 _MOVES_WITH = 0.9
 """Correlation with a linear stage's place from which a simulated distance is one to what stands on it."""
@@ -26,16 +26,8 @@ def encoders(view: View) -> tuple[str, ...]:
     """Channels in degrees whose simulation turns with the stage."""
 
     def make() -> tuple[str, ...]:
-        stage = view.columns.numbers["stage_angle_deg"]
-        found = []
-        for channel in view.channels(Role.OTHER):
-            simulated = view.columns.numbers[f"sim_{channel.name}"]
-            good = np.isfinite(stage) & np.isfinite(simulated)
-            if unit_of(channel.name) != "deg" or good.sum() < 3 or np.ptp(simulated[good]) == 0.0:
-                continue
-            if abs(np.corrcoef(stage[good], simulated[good])[0, 1]) > _FOLLOWS:
-                found.append(channel.name)
-        return tuple(found)
+        turning = [channel.name for channel in view.channels(Role.OTHER) if unit_of(channel.name) == "deg"]
+        return tuple(name for name in turning if _goes_along(view, name, "stage_angle_deg", _FOLLOWS))
 
     return per_table(view, "encoders", make) if view.varies("stage_angle_deg") else ()
 
@@ -44,21 +36,23 @@ def slides(view: View) -> tuple[tuple[str, str], ...]:
     """Channels in a unit of length that read where a linear stage stands, and the column of its position."""
 
     def make() -> tuple[tuple[str, str], ...]:
-        found = []
-        for column in view.covariates():
-            if not (_SLIDES & set(column.split("_")) and unit_of(column) in LENGTHS and view.varies(column)):
-                continue
-            place = view.columns.numbers[column]
-            for name in distances(view):
-                simulated = view.columns.numbers[f"sim_{name}"]
-                good = np.isfinite(place) & np.isfinite(simulated)
-                if good.sum() < 3 or np.ptp(simulated[good]) == 0.0 or np.ptp(place[good]) == 0.0:
-                    continue
-                if unit_of(name) in LENGTHS and abs(np.corrcoef(place[good], simulated[good])[0, 1]) > _MOVES_WITH:
-                    found.append((name, column))
-        return tuple(found)
+        places = [
+            column for column in view.covariates()
+            if _SLIDES & set(column.split("_")) and unit_of(column) in _LENGTHS and view.varies(column)
+        ]  # fmt: skip
+        read = [name for name in distances(view) if unit_of(name) in _LENGTHS]
+        return tuple((n, column) for column in places for n in read if _goes_along(view, n, column, _MOVES_WITH))
 
     return per_table(view, "slides", make)
+
+
+def _goes_along(view: View, channel: str, column: str, least: float) -> bool:
+    """Whether a channel's simulation is a line over a column, by their correlation."""
+    place, simulated = view.columns.numbers[column], view.columns.numbers[f"sim_{channel}"]
+    good = np.isfinite(place) & np.isfinite(simulated)
+    if good.sum() < 3 or np.ptp(simulated[good]) == 0.0 or np.ptp(place[good]) == 0.0:
+        return False
+    return abs(float(np.corrcoef(place[good], simulated[good])[0, 1])) > least
 
 
 def ways_of_turning(view: View) -> tuple[dict[str, Option], ...]:

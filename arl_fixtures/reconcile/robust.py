@@ -19,9 +19,12 @@ LEAST_UNLIMITED = 0.1
 """Share of a change that counts as seen by rows that are not held back, where there is less."""
 SMALLEST = 1e-290
 """Probability from which a number holds it with all its digits."""
-SPARE_PLACES, SPARE_FIXED, OF_PLACES = 1.5, 2.0, 0.9
-"""Places beyond its parameters from which a term of places must gain: fewer are hit by any that has so many. And the
-share of a change that is the same in a place at all times where it is such a term."""
+_PLACE = ("pixel_u", "pixel_v", "stage_angle_deg")
+SPARE_PLACES, SPARE_FIXED = 1.5, 2.0
+"""Places beyond its parameters from which a term must gain that displaces rays, or that does the same to a place at
+all times: fewer are hit by any that has so many."""
+OF_PLACES = 0.9
+"""Share of a change that is the same in a place at all times where it is such a term."""
 PRIOR_GROUPS, BARE_GROUPS = 20.0, 2.0
 """Groups on which the noise model's own covariance counts as resting; and where it was only told from the steps."""
 
@@ -83,23 +86,15 @@ def _hits_few_places(problem: Problem, found: Fit, first: int, change: FloatArra
     """
     shapes, newest = sum(index >= first for index, _ in found.keys), found.terms[first:]
     if any(term.variant.rough or term.effect.displaces for term in newest):
-        places = _places(problem, "dut", "pixel_u", "pixel_v", "stage_angle_deg")
+        places = problem.codes(problem.columns.group("dut", *_PLACE))
         return shapes > 1 and _places_won(places, change, left) < shapes + SPARE_PLACES
     if any(term.effect.mixes for term in newest):
         return False
-    places = _places(problem, "pixel_u", "pixel_v", "stage_angle_deg")
+    places = problem.codes(problem.columns.group(*_PLACE))
     channel = np.repeat(np.arange(len(problem.data)), [len(d.use) for d in problem.data])
-    if _share_of_places(_dense(places * len(problem.data) + channel), change) < OF_PLACES:
+    if _share_of_places(places * len(problem.data) + channel, change) < OF_PLACES:
         return False
     return _places_won(places, change, left, faint=True) < shapes + SPARE_FIXED
-
-
-def _places(problem: Problem, *columns: str) -> IntArray:
-    return _dense(problem.codes(problem.columns.group(*columns)))
-
-
-def _dense(code: IntArray) -> IntArray:
-    return np.unique(code, return_inverse=True)[1].astype(np.int64)
 
 
 def _places_won(place: IntArray, change: FloatArray, left: FloatArray, *, faint: bool = False) -> float:

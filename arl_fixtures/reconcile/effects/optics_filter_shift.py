@@ -33,6 +33,8 @@ USUAL_INDEX = 1.9
 USUAL_REACH = 0.6
 """Tangent of the field angle in the image's corner where no rays are known: a tilt takes up what it is wrong by."""
 
+_OFFSET, _CAVITIES = shape("offset", "half-widths", -1.5, 1.5, 0.0, -0.6), shape("cavities", "1", 0.7, 5.0, 2.0)
+
 
 class FilterShift(LightFactor):
     """I *= T(y) / T(offset), T(y) = 1 / (1 + y^(2·cavities)), y = offset + tilt·(s(θ) + line_drift·ΔT).
@@ -83,9 +85,8 @@ class FilterShift(LightFactor):
                 elif column and not simulated:
                     parameters.append(self._drift(view, column))
                 parameters += [
-                    shape("offset", "half-widths", -1.5, 1.5, -0.5, 0.3) if column
-                    else shape("offset", "half-widths", -1.5, 1.5, 0.0, -0.6),
-                    shape("cavities", "1", 0.7, 5.0, 2.0),
+                    shape("offset", "half-widths", -1.5, 1.5, -0.5, 0.3) if column else _OFFSET,
+                    _CAVITIES,
                 ]  # fmt: skip
                 if has_rays(view):
                     parameters.append(shape("index", "1", 1.4, 2.4, 1.9))
@@ -117,8 +118,8 @@ class FilterShift(LightFactor):
                     parameters=(
                         amplitude("tilt", "half-widths", 0.0, 200.0, 5.0),
                         *drift,
-                        shape("offset", "half-widths", -1.5, 1.5, 0.0, -0.6),
-                        shape("cavities", "1", 0.7, 5.0, 2.0),
+                        _OFFSET,
+                        _CAVITIES,
                     ),
                     channels=light_channels(view, channel),
                     drivers=(*PIXEL, *((column,) if column else ())),
@@ -138,8 +139,8 @@ class FilterShift(LightFactor):
                 parameters=(
                     amplitude("tilt", "half-widths", 0.0, 8.0 / reach, 0.3 / reach),
                     *((self._drift(view, column),) if column else ()),
-                    shape("offset", "half-widths", -1.5, 1.5, 0.0, -0.6),
-                    shape("cavities", "1", 0.7, 5.0, 2.0),
+                    _OFFSET,
+                    _CAVITIES,
                 ),
                 channels=light_channels(view, channel),
                 drivers=(name, *((column,) if column else ())),

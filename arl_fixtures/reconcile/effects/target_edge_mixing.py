@@ -30,8 +30,7 @@ _SPREAD = {
     "blurred": shape("blur", "px", 0.05, 1.2, 0.3),
 }
 """Means over a whole pixel: kind to how wide it is."""
-_CLIMBS, _ARRIVED = 25, 1e-4
-"""Steps uphill, and parts of a width that no step is worth any more."""
+_CLIMBS = 25
 
 
 class EdgeMixing(Effect):
@@ -228,12 +227,10 @@ def _from_mean(light: FloatArray, ranges: FloatArray, kind: str, width: float) -
 
 def _climbed(light: FloatArray, ranges: FloatArray, start: FloatArray, width: float) -> FloatArray:
     """Peak of Gaussian echoes uphill from a start: the fixed point of their mean shift."""
-    place = start.copy()
+    place = start
     for _ in range(_CLIMBS):
         echo = light * np.exp(-0.5 * ((ranges - place[:, None]) / width) ** 2)
-        before, place = place, np.sum(echo * ranges, axis=1) / np.maximum(np.sum(echo, axis=1), 1e-300)
-        if float(np.max(np.abs(place - before))) < _ARRIVED * width:
-            break
+        place = np.sum(echo * ranges, axis=1) / np.maximum(np.sum(echo, axis=1), 1e-300)
     return place
 
 
@@ -259,11 +256,8 @@ def _peak(view: View, name: str, pulse_m: float, *, strongest: bool) -> FloatArr
     at = np.flatnonzero(borders(view) & np.isfinite(centre) & np.isfinite(beyond))
     own = per_view(view, "own share", lambda: _own_share(view))[at]
     near, far = centre[at], beyond[at]
-    place = np.where(own >= 0.5, near, far) if strongest else near.copy()
-    for _ in range(_CLIMBS):  # a fixed point of the mean shift is a peak
-        first = own * np.exp(-0.5 * ((place - near) / width) ** 2)
-        second = (1.0 - own) * np.exp(-0.5 * ((place - far) / width) ** 2)
-        place = (first * near + second * far) / np.maximum(first + second, 1e-300)
+    start = np.where(own >= 0.5, near, far) if strongest else near
+    place = _climbed(np.stack([own, 1.0 - own], axis=1), np.stack([near, far], axis=1), start, width)
     peak = np.full(view.n, np.nan)
     peak[at] = place
     return peak
