@@ -124,14 +124,22 @@ class Columns:
 
     @property
     def sweep_columns(self) -> tuple[str, ...]:
-        """Columns that tell sweeps of the stage apart: not `step` where each numbers a single stop of one sweep."""
+        """Columns that tell sweeps of the stage apart: not `step` where each numbers a single stop of one sweep.
+
+        Where rays stand at a stage angle more often than once a step, but once for each surface, targets are swept
+        one after another (a goniometer's samples), and their sweeps are told apart.
+        """
         if "sweep columns" not in self.memo:
             one = (
                 "step" in self.numbers
                 and "stage_angle_deg" in self.numbers
                 and (int(self.group("dut", "cycle", "step").max()) == int(self.group(*IMAGE_COLUMNS).max()) > 0)
             )
-            self.memo["sweep columns"] = ("dut", "cycle", "ramp") if one else ("dut", "cycle", "step")
+            sweeps = ("dut", "cycle", "ramp") if one else ("dut", "cycle", "step")
+            places = (*sweeps, *self.ray_columns, "stage_angle_deg")
+            once, each = (1 + int(self.group(*places, *more).max()) for more in ((), ("surface",)))
+            by_target = once < (1.0 - REPEATED) * self.n <= each
+            self.memo["sweep columns"] = (*sweeps, "surface") if by_target else sweeps
         found: tuple[str, ...] = self.memo["sweep columns"]
         return found
 
