@@ -16,6 +16,8 @@ from arl_fixtures.reconcile.columns import IMAGE_COLUMNS, Columns, FloatArray, I
 from arl_fixtures.reconcile.roles import PIXEL_COLUMNS, counts_repeats, counts_visits, unit_of
 
 UNIT_WORDS = ("zone", "pixel", "channel", "sensor", "device", "unit", "module", "serial", "run", "tap")
+PART_WORDS = ("readout", "head", "amplifier", "receiver", "probe", "adc", "camera")
+"""Parts that a table names; where it has numbers of them these are as well settings or readings."""
 DEVICE_WORDS = ("dut", "sensor", "device", "module", "serial", "run")
 """Columns that tell instruments or recordings apart; zones or taps of one device share the errors of its steps."""
 PATCHES, RUNS, STAGE_ANGLES = "patches of pixels", "runs of neighbouring rows", "stage angles"
@@ -148,7 +150,10 @@ def unit_columns_of(table: Columns) -> tuple[str, ...]:
     """Columns that tell apart what is calibrated as one."""
     if "dut" in table.categories:
         return ("dut",)
-    found = [n for n in sorted(table.categories) if n not in {"surface", "mixed"} and any(w in n for w in UNIT_WORDS)]
+    found = [
+        n for n in sorted(table.categories)
+        if n not in {"surface", "mixed"} and any(w in n for w in (*UNIT_WORDS, *PART_WORDS))
+    ]  # fmt: skip
     for name in sorted(table.numbers):
         if name.startswith(("sim_", "pixel_")) or not any(
             word == name or name.startswith(word) for word in UNIT_WORDS

@@ -36,9 +36,9 @@ _SIGNAL_UNITS = {
     "w", "mw", "uw", "nw", "j", "mj", "uj", "nj", "lux",
 }  # fmt: skip
 _READ_IN = {"", "a", "ma", "ua", "na", "v", "mv", "uv", "hz", "khz", "mhz", "pct", "percent"}
-_LIGHT_SPEED_M_S = 299_792_458.0
+LIGHT_SPEED_M_S = 299_792_458.0
 _PER_METRE = {
-    "m": 1.0, "mm": 1e3, "cm": 1e2, "km": 1e-3, "ns": 2e9 / _LIGHT_SPEED_M_S, "ps": 2e12 / _LIGHT_SPEED_M_S,
+    "m": 1.0, "mm": 1e3, "cm": 1e2, "km": 1e-3, "ns": 2e9 / LIGHT_SPEED_M_S, "ps": 2e12 / LIGHT_SPEED_M_S,
 }  # fmt: skip
 """Units of a distance in a metre; a time of flight counts the way there and back."""
 _FLIGHT_WORDS = ("tof", "flight", "delay", "arrival", "echo_time", "round_trip", "return_time")

@@ -14,15 +14,20 @@ from arl_fixtures.reconcile.effects_common import (
     in_mm,
     per_table,
     period_starts,
+    rounded,
     shape,
 )
-from arl_fixtures.reconcile.roles import per_metre, unit_of
+from arl_fixtures.reconcile.roles import LIGHT_SPEED_M_S, per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 USUAL_M, LONGEST_M = 4.0, 20.0
 """Periods, as distances: of clocks from some 40 MHz; of slower ones from 7.5 MHz, where two and a half are swept."""
 DISTINCT = 4
 """Distances for each parameter: as many waves as there are targets draw anything."""
+_HERTZ = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6}
+_PARTS = (1, 2, 4, 8)
+"""Of a phase meter's ambiguity range, in which waves come again: cross-talk, channels of unlike gain, samples taken
+at four phases of a wave that has a third harmonic, and the next."""
 HARMONICS = 3
 """Waves in a period by which cells of unequal length are told: their error, a sum of many, has little above."""
 
@@ -32,6 +37,8 @@ class TdcNonlinearity(Effect):
 
     * wave: one wave in a period, as of a delay line that is bent.
     * cells: the same with its second and third harmonic, as of cells whose lengths are random.
+    * cyclic (where a modulation frequency f varies): one wave in a period of phase, a part of half the wavelength of
+      the modulation. Both the period and the waves' height go with 1 / f and are given for the fastest.
 
     A cell has a length: later is never read as nearer, so that 2πa/period stays below 1.
     """
@@ -40,7 +47,7 @@ class TdcNonlinearity(Effect):
     stage = Stage.TIMING
     source = (
         "Fishburn et al., IEEE Trans. Nucl. Sci. 60 (2013) 2203: FPGA TDC, 10 ps cells, integral nonlinearity 3.9 "
-        "cells"
+        "cells; Rüeger, Electronic Distance Measurement (4th ed. 1996), section 8.3: cyclic error of phase meters"
     )
     confusable = ("stage.periodic_error", "timing.clock_scale", "stage.eccentricity")
 
@@ -50,6 +57,7 @@ class TdcNonlinearity(Effect):
             spread, reach = _spread(view, distance)
             if not spread > 0.0:
                 continue
+            yield from _cyclic(view, distance)
             size, metres = per_metre(unit_of(distance)), view.columns.numbers[f"sim_{distance}"]
             distinct = len(np.unique(np.round(metres[np.isfinite(metres)] / spread, 3)))
             longest = max(min(0.7 * spread, USUAL_M * size), min(0.4 * spread, LONGEST_M * size))
@@ -80,30 +88,70 @@ class TdcNonlinearity(Effect):
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Adds the error at the distance that came so far."""
         distance = str(variant.options["channel"])
-        phase = 2.0 * np.pi / values["period"] * state[distance]
-        state[distance] = state[distance] + _error(phase, values)
+        slower = _slower(variant, view)
+        phase = 2.0 * np.pi / values["period"] * state[distance] / slower
+        state[distance] = state[distance] + _error(phase, values) * slower
 
     def expression(self, variant: Variant) -> str:
         """The law."""
-        distance = variant.options["channel"]
+        distance, modulation = variant.options["channel"], variant.options.get("modulation")
+        at = f"{distance} / slower" if modulation else str(distance)
         terms = []
         for order in range(1, int(variant.options.get("harmonics", 1)) + 1):
             sine, cosine = _names(order)
-            turn = f"2 pi {f'{order} ' if order > 1 else ''}{distance} / period"
+            turn = f"2 pi {f'{order} ' if order > 1 else ''}{at} / period"
             terms += [f"{sine} * sin({turn})", f"{cosine} * cos({turn})"]
-        return f"{distance} += {' + '.join(terms)}"
+        error = " + ".join(terms)
+        if modulation:
+            return f"{distance} += slower * ({error}), slower = {variant.options['fastest']} / {modulation}"
+        return f"{distance} += {error}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Amplitude and period."""
         distance = str(variant.options["channel"])
         size = in_mm(float(np.ptp(_error(np.linspace(0.0, 2.0 * np.pi, 200), values))) / 2.0, distance)
-        return f"The distance swings by ±{size:.2f} mm with a period of {in_mm(values['period'], distance):.1f} mm."
+        period = f"{in_mm(values['period'], distance):.1f} mm"
+        if _is_cyclic(variant):
+            period += f" at {variant.options['modulation']} = {variant.options['fastest']}, both as 1 / modulation"
+        return f"The distance swings by ±{size:.2f} mm with a period of {period}."
 
     def next_experiment(self, variant: Variant) -> str:
         """What shows the period."""
         return (
             "Move a flat target through two periods in steps of a tenth of one, at constant temperature and signal."
         )
+
+
+def _cyclic(view: View, distance: str) -> Iterable[Variant]:
+    """What a phase meter's waves do whose modulation varies: a whole, a half, a quarter of its ambiguity range."""
+    spread, reach = _spread(view, distance)
+    size, metres = per_metre(unit_of(distance)), view.columns.numbers[f"sim_{distance}"]
+    for column in [n for n in view.covariates() if "modulation" in n and unit_of(n) in _HERTZ and view.varies(n)][:1]:
+        low, fastest = view.span(column)
+        whole = LIGHT_SPEED_M_S / (2.0 * fastest * _HERTZ[unit_of(column)]) * size if low > 0.0 else np.inf
+        told = [whole / part for part in _PARTS if whole / part < 0.7 * spread]
+        if not told or len(np.unique(np.round(metres[np.isfinite(metres)] / spread, 3))) < DISTINCT * 3:
+            continue
+        waves = [amplitude(name, unit_of(distance), -0.1 * reach, 0.1 * reach, 0.002 * size) for name in _names(1)]
+        yield Variant(
+            effect=TdcNonlinearity.id,
+            options={"channel": distance, "modulation": column, "fastest": rounded(fastest)},
+            parameters=(*waves, shape("period", unit_of(distance), 0.9 * told[-1], 1.1 * told[0], *told)),
+            channels=(distance,),
+            drivers=(f"sim_{distance}", column),
+        )
+
+
+def _is_cyclic(variant: Variant) -> bool:
+    return "modulation" in variant.options
+
+
+def _slower(variant: Variant, view: View) -> FloatArray | float:
+    """How many times slower than the fastest each row's modulation is."""
+    if not _is_cyclic(variant):
+        return 1.0
+    frequency = np.maximum(view.number(str(variant.options["modulation"])), 1e-9)
+    return np.asarray(float(variant.options["fastest"]) / np.nan_to_num(frequency, nan=np.inf))
 
 
 def _names(order: int) -> tuple[str, str]:
