@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effect import Option, Values
 from arl_fixtures.reconcile.effects_common import per_table, per_view, rounded, span
+from arl_fixtures.reconcile.roles import HALF_TURN_DEG
 from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]
@@ -23,6 +24,7 @@ _PLAIN = ({(4, 0), (0, 4)}, {(2, 0), (0, 2)}, {(2, 0), (0, 2), (4, 0), (0, 4)})
 _ROUNDS = 12
 FEWEST_PX = 7.0
 """Columns or rows of pixels that an image must span for a smooth profile over it."""
+_RAYS = ("azimuth_deg", "elevation_deg")
 _PIXEL = {"azimuth_deg": "pixel_u", "elevation_deg": "pixel_v"}
 
 
@@ -71,6 +73,22 @@ class Illumination:
 def has_rays(view: View) -> bool:
     """Whether the table says where its pixels look."""
     return view.varies("azimuth_deg") or view.varies("elevation_deg")
+
+
+def turns_round(view: View) -> bool:
+    """Whether rays look all around: a head turns by their azimuths, and these are no angles in a field of view."""
+    return view.varies("azimuth_deg") and float(np.subtract(*view.span("azimuth_deg")[::-1])) > HALF_TURN_DEG
+
+
+def field_rays(view: View) -> tuple[str, ...]:
+    """Columns of the angles under which a sensor's optics sees."""
+    return tuple(n for n in _RAYS if view.varies(n) and not (n == "azimuth_deg" and turns_round(view)))
+
+
+def field_cosine(view: View) -> FloatArray:
+    """Cosine of the angle to the optical axis of every row under work; 1 without rays."""
+    around = np.ones(view.n) if turns_round(view) else np.cos(np.radians(azimuth(view)))
+    return np.asarray(around * np.cos(np.radians(elevation(view))))
 
 
 def ray_column(view: View, name: str) -> FloatArray:

@@ -24,7 +24,7 @@ from arl_fixtures.reconcile.effects_common import (
     temperature_drivers,
 )
 from arl_fixtures.reconcile.effects_field import PIXEL, has_field, image_radius, middle_options
-from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, has_rays
+from arl_fixtures.reconcile.effects_illumination import field_cosine, field_rays
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
@@ -62,14 +62,14 @@ class FilterShift(LightFactor):
         """
         columns = temperature_drivers(view, "laser_temperature_c", "housing_temperature_c", limit=2)
         yield from self._by_its_tilt(view, columns[:1])
-        if not has_rays(view) and has_field(view):
+        if not field_rays(view) and has_field(view):
             yield from self._by_pixels(view, columns[:1])
-        if not (has_rays(view) or "laser_temperature_c" in columns):
+        if not (field_rays(view) or "laser_temperature_c" in columns):
             return
-        reach = _reach(view) if has_rays(view) else 1.0
+        reach = _reach(view, field_rays(view)) if field_rays(view) else 1.0
         for channel in signals(view):
             kinds = [(column, False) for column in columns]
-            if has_rays(view):
+            if field_rays(view):
                 kinds += [("", False), *((column, True) for column in columns[:1])]
             for column, simulated in kinds:
                 parameters: list[Parameter] = []
@@ -78,9 +78,9 @@ class FilterShift(LightFactor):
                     parameters.append(
                         shape("tilt", "half-widths", 0.3 / reach, 8.0 / reach, 1.0 / reach, 3.0 / reach)
                     )
-                elif has_rays(view):
+                elif field_rays(view):
                     parameters.append(amplitude("tilt", "half-widths", 0.0, 8.0 / reach, 0.3 / reach))
-                if column and has_rays(view) and not simulated:
+                if column and field_rays(view) and not simulated:
                     parameters.append(shape("line_drift", "1/K", -6e-4, 6e-4, 2.7e-4, 2e-5))
                 elif column and not simulated:
                     parameters.append(self._drift(view, column))
@@ -88,9 +88,9 @@ class FilterShift(LightFactor):
                     shape("offset", "half-widths", -1.5, 1.5, -0.5, 0.3) if column else _OFFSET,
                     _CAVITIES,
                 ]  # fmt: skip
-                if has_rays(view):
+                if field_rays(view):
                     parameters.append(shape("index", "1", 1.4, 2.4, 1.9))
-                rays = [name for name in ("azimuth_deg", "elevation_deg") if view.varies(name)]
+                rays = field_rays(view)
                 yield Variant(
                     effect=self.id,
                     options={
@@ -220,11 +220,10 @@ class FilterShift(LightFactor):
 
 
 def _sine_square(view: View) -> FloatArray:
-    cosine = np.cos(np.radians(azimuth(view))) * np.cos(np.radians(elevation(view)))
-    return np.clip(1.0 - cosine**2, 0.0, 1.0)
+    return np.clip(1.0 - field_cosine(view) ** 2, 0.0, 1.0)
 
 
-def _reach(view: View, angles: Sequence[str] = ("azimuth_deg", "elevation_deg")) -> float:
+def _reach(view: View, angles: Sequence[str]) -> float:
     """s of the outermost ray of the table, for the usual index."""
-    square = np.sin(np.radians(max(max(map(abs, view.span(name))) for name in angles if view.has(name)))) ** 2
+    square = np.sin(np.radians(max(max(map(abs, view.span(name))) for name in angles))) ** 2
     return float(np.clip(1.0 - np.sqrt(1.0 - square / USUAL_INDEX**2), 2e-3, 0.15))

@@ -17,7 +17,7 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
 )
 from arl_fixtures.reconcile.effects_field import PIXEL, has_field, image_radius, middle_options
-from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, has_rays
+from arl_fixtures.reconcile.effects_illumination import field_cosine, field_rays
 from arl_fixtures.reconcile.view import View
 
 
@@ -36,7 +36,7 @@ class Vignetting(LightFactor):
 
     def variants(self, view: View) -> Iterable[Variant]:
         """Natural and mechanical, one pair per intensity channel; natural by pixels where no rays are known."""
-        if not has_rays(view):
+        if not field_rays(view):
             if has_field(view):
                 for channel in signals(view):
                     parameters = amplitude("exponent", "1", -4.0, 16.0, 1.0), shape("reach", "1", 0.05, 2.0, 0.4)
@@ -52,7 +52,7 @@ class Vignetting(LightFactor):
         options: dict[str, Option] = {"channel": channel, "kind": kind}
         if kind == "by pixels":
             options |= middle_options(view)
-        names = PIXEL if kind == "by pixels" else ("azimuth_deg", "elevation_deg")
+        names = PIXEL if kind == "by pixels" else field_rays(view)
         return Variant(
             effect=self.id,
             options=options,
@@ -103,7 +103,7 @@ def _cosine(view: View) -> FloatArray:
     return per_view(
         view,
         "field cosine",
-        lambda: np.maximum(np.cos(np.radians(azimuth(view))) * np.cos(np.radians(elevation(view))), 0.02),
+        lambda: np.maximum(field_cosine(view), 0.02),
     )
 
 
