@@ -1,4 +1,7 @@
-"""Laws of nothing new: a scatter within what a noise law is worth, a plate that answers to what it carries."""
+"""Laws of nothing new: a scatter within what a noise law is worth, a plate that answers to what it carries.
+
+And names of two readings that are one temperature's.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,8 @@ from arl_fixtures.reconcile.view import View
 
 BACK_ACTION = 0.15
 """Part of a node's change that its plate may answer with: what bears a device has several times its heat capacity."""
+ALIKE = 0.3
+"""Part of it up to which what two thermometers read too much differs, where it is what they measure."""
 
 
 def is_within_noise_law(law: Law, features: Features, state: State, *, acted: bool) -> bool:
@@ -44,6 +49,28 @@ def without_back_actions(terms: Sequence[Term], view: View) -> tuple[Term, ...]:
         if most == 0.0 or _size(forward(terms, view)[channel] - forward(rest, view)[channel]) >= most:
             kept.append(term)
     return tuple(kept)
+
+
+def read_alike(terms: Sequence[Term], view: View) -> list[Term]:
+    """Errors of thermometers that several show alike, each its own by name: what they measure is another.
+
+    Constants are left out: each thermometer may have been fitted.
+    """
+    own = [t for t in terms if t.effect.of_reading and len(t.variant.channels) == 1]
+    state = forward(terms, view)
+    change = {}
+    for term in own:
+        name = term.variant.channels[0]
+        moved = state[name] - forward([t for t in terms if t is not term], view)[name]
+        change[id(term)] = moved - np.nanmean(moved)
+    return [
+        a for a in own
+        if any(
+            a.variant.channels != b.variant.channels and a.unit == b.unit
+            and 0.0 < _size(change[id(a)] - change[id(b)]) < ALIKE * max(_size(change[id(a)]), _size(change[id(b)]))
+            for b in own
+        )
+    ]  # fmt: skip
 
 
 def _given_back(plate: str, terms: Sequence[Term], view: View) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from arl_fixtures.reconcile.acceptance import MISFIT_SHARE
 from arl_fixtures.reconcile.calibration_findings import constant_finding, line_finding
 from arl_fixtures.reconcile.channel_data import ChannelData
-from arl_fixtures.reconcile.consequences import is_back_action, is_within_noise_law, without_back_actions
+from arl_fixtures.reconcile.consequences import is_back_action, is_within_noise_law, read_alike, without_back_actions
 from arl_fixtures.reconcile.cross_fit import cross_fitted
 from arl_fixtures.reconcile.dead import bring_back, dead_first
 from arl_fixtures.reconcile.diagnosis import ChannelFit, Finding
@@ -165,16 +165,18 @@ class Decision:
     def _gate(self) -> bool:
         """Drop the names of channels in which too much stays predictable, or which a law without physics beats.
 
-        And names whose strength is another one under other conditions. Tells whether any fell.
+        And names whose strength is another one under other conditions, and errors of readings that several show
+        alike. Tells whether any fell.
         """
         if not self.best.terms:
             return False
         bad = {d.channel.name for d in self.problem.data if self.standing.is_left(d)}
         bad |= {d.channel.name for d in self.problem.data if d.channel.name not in bad and self.standing.is_beaten(d)}
         unsteady = [t for t in self.best.terms if is_unsteady(self.found.looker, self.terms, t)]
-        self.fallen |= dict(self._mismatch_of(t) for t in unsteady)
+        alike = read_alike(self.best.terms, self.problem.view)
+        self.fallen |= dict(self._mismatch_of(t) for t in (*unsteady, *alike))
         self.refused |= {t.effect.id for t in unsteady}
-        kept = tuple(t for t in self.best.terms if not self._mostly_in(t, bad) and t not in unsteady)
+        kept = tuple(t for t in self.best.terms if not self._mostly_in(t, bad) and t not in (*unsteady, *alike))
         if len(kept) == len(self.best.terms):
             return False
         for d in self.problem.data:

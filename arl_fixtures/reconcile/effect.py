@@ -192,6 +192,8 @@ class Effect(ABC):
     """Whether its law is a plain number or share, which leaves a real one no other shape."""
     weather: ClassVar[bool] = False
     """Whether its strength also hangs on moisture or dirt of the day, which is seldom recorded."""
+    of_reading: ClassVar[bool] = False
+    """Whether it is one reading's own error: what several show alike is what they measure."""
     floating: ClassVar[bool] = False
     """Whether its law is nil at an arbitrary place: a constant beside it is then no calibration."""
     essential: ClassVar[str] = ""

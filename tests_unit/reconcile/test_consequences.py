@@ -53,3 +53,34 @@ def test_a_plate_answers_to_a_bad_contact_of_what_it_carries():
 def test_a_plate_that_is_off_by_more_has_a_cause_of_its_own():
     found = diagnose(chamber(3, 1.5, drag=-1.5), effects=KNOWN)[0].findings
     assert any("plate_temperature_c" in f.channels for f in found)
+
+
+def windy(seed, loss):
+    """Housings on a plate, lasers on them; outside air takes `loss` per second and kelvin that nobody simulated."""
+    rng = np.random.default_rng(seed)
+    second = np.arange(12 * 1500)
+    step = second // 1500
+    plate = 20.0 + 35.0 * np.sin(2.0 * np.pi * second / second.size) * np.ones(second.size)
+
+    def run(leak):
+        housing, laser = np.empty(second.size), np.empty(second.size)
+        housing[0], laser[0] = plate[0], plate[0] + 8.0
+        for k in range(1, second.size):
+            housing[k] = housing[k - 1] + 0.01 * (plate[k - 1] - housing[k - 1]) - leak * (housing[k - 1] - 22.0)
+            laser[k] = laser[k - 1] + 0.02 * (housing[k - 1] + 8.0 - laser[k - 1])
+        return housing, laser
+
+    at = np.arange(60, second.size, 90)
+    table = {"step": step[at], "time_s": second[at], "plate_temperature_c": plate[at]}
+    table["n_frames"] = np.full(at.size, 10.0)
+    for name, sim, true in zip(("housing", "laser"), run(0.0), run(loss), strict=True):
+        table[f"sim_{name}_temperature_c"] = sim[at]
+        table[f"sim_{name}_temperature_c_std"] = np.full(at.size, 0.1)
+        table[f"{name}_temperature_c"] = true[at] + 0.1 / np.sqrt(10.0) * rng.normal(size=at.size)
+    return columns_of(pa.table(table))
+
+
+def test_two_thermometers_that_are_off_alike_measure_another_temperature():
+    found = diagnose(windy(4, 1e-4), effects=KNOWN)[0].findings
+    assert {c for f in found for c in f.channels} == {"housing_temperature_c", "laser_temperature_c"}
+    assert {f.effect for f in found} == {"unknown"}

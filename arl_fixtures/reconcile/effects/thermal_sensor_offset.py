@@ -32,6 +32,7 @@ class SensorOffset(Effect):
     stage = Stage.BOOKKEEPING
     source = "IEC 60584-1: type K class 1, ±1.5 K or ±0.4 %"
     exact = True
+    of_reading = True
     confusable = ("thermal.contact_resistance",)
 
     def variants(self, view: View) -> Iterable[Variant]:
