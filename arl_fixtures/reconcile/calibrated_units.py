@@ -18,6 +18,7 @@ from arl_fixtures.reconcile.channel_data import CALIBRATED, ChannelData
 from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray
 from arl_fixtures.reconcile.model_file import unit_keys
 from arl_fixtures.reconcile.pilot import Structure
+from arl_fixtures.reconcile.pixel_calibration import zero_fitted
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
@@ -104,6 +105,14 @@ def free_lines(problem: Problem, lines: Lines) -> None:
             scale = np.ones(len(d.use)) if is_light else problem.view.sim[d.channel.name][d.use]
             size = max(abs(line[1 if is_light else 0]) for line in lines[d.channel.name].values())
             d.free_second(size, scale)
+
+
+def free_fitted_zeros(problem: Problem) -> None:
+    """Let each unit's signal have a zero of its own where whoever made the table has fitted one to it."""
+    for d in problem.data:
+        if d.channel.role is Role.INTENSITY and zero_fitted(problem.columns, d.channel.name):
+            d.free_zero()
+            d.rebuild(d.tau)
 
 
 def _differ(values: FloatArray, errors: FloatArray) -> bool:

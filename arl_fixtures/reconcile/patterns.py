@@ -14,7 +14,7 @@ import numpy as np
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import Effect, Parameter, State, Variant
-from arl_fixtures.reconcile.noise import fit_tau
+from arl_fixtures.reconcile.noise import fit_tau, less_constants
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.silence import deaths, some_dark
@@ -200,6 +200,8 @@ def shared_part(data: ChannelData, residual: FloatArray) -> FloatArray:
     if data.calibrated:
         total = data.scale * data.constants(residual)[data.unit]
     weight = data.root_weight**2
+    if data.calibrated and data.second is not None:
+        total = residual - less_constants(residual, data.scale, weight, data.unit, second=data.second)
     for name in ("step", "frame"):
         for level in (level for level in data.levels if level.name == name):
             tau = data.tau.get(level.name, 0.0)

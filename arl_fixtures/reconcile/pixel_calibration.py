@@ -7,6 +7,7 @@ that grows with a condition is nil at the condition's mean.
 from __future__ import annotations
 
 import numpy as np
+from scipy import special, stats
 
 from arl_fixtures.reconcile.columns import Columns, FloatArray
 from arl_fixtures.reconcile.roles import Role
@@ -18,8 +19,8 @@ CLOSER, MUCH_CLOSER = 0.5, 0.25
 of 24 pixels is that small once in 20 000 tables. The same of few surfaces, which must agree the better."""
 TRIMMED = 0.1
 """Share of the pixels, those that agree least, that is left out: dead ones cannot be calibrated."""
-NIL = 1e-3
-"""Sum over its error that counts as nil: without a fit one table in 1250 has it."""
+NIL = 0.01
+"""Share of tables that have sums as near to nil without a fit; where something differs they have it less often."""
 _SMALLEST = 1e-300
 
 
@@ -63,8 +64,9 @@ def calibrated_by_surface(table: Columns, channel: str) -> bool:
 def zero_fitted(table: Columns, channel: str) -> bool:
     """Whether a signal's zero was fitted to these very rows, of each device or of all together.
 
-    The sum of what differs from a simulation, each row by its stated weight, then is nil to the last digits, which no
-    other simulation's is: not one whose gain alone was fitted, whatever that fit's weights.
+    The sum of what differs from a simulation, each row by its stated weight, then is nil, which no other simulation's
+    is: not one whose gain alone was fitted, whatever that fit's weights. It is nil to the last digits where the table
+    has all the rows of the fit, and nearer to nil than chance has it for every device where it has most of them.
 
     Args:
         table: whole table.
@@ -88,7 +90,10 @@ def _sums_to_nil(table: Columns, channel: str) -> bool:
         code = table.group(*columns)[good] if columns else np.zeros(int(good.sum()), dtype=np.int64)
         total = np.bincount(code, off[good])
         chance = np.sqrt(np.bincount(code, off[good] ** 2))
-        if len(total) and bool(np.all(np.abs(total) < NIL * chance)) and bool(np.all(chance > 0.0)):
+        if not len(total) or not bool(np.all(chance > 0.0)):
+            continue
+        as_near = np.maximum(special.erf(np.abs(total) / chance / np.sqrt(2.0)), _SMALLEST)
+        if stats.chi2.sf(-2.0 * float(np.sum(np.log(as_near))), 2 * len(total)) < NIL:
             return True
     return False
 

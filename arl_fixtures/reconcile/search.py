@@ -23,7 +23,12 @@ from arl_fixtures.reconcile.acceptance import (
     is_rounding,
     lacks_essential,
 )
-from arl_fixtures.reconcile.calibrated_units import calibrate_simulation, find_lines, free_lines
+from arl_fixtures.reconcile.calibrated_units import (
+    calibrate_simulation,
+    find_lines,
+    free_fitted_zeros,
+    free_lines,
+)
 from arl_fixtures.reconcile.carried_gains import carry_gains
 from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.crowded_out import only, other_variants, simpler_lookalikes, where_nothing_acts
@@ -109,6 +114,7 @@ class Search:
         columns.sweep_gap_deg, columns.frame_gap_s = typical_gaps(columns)
         self.groups = find_groups(columns)
         self.full = Problem(columns, draw_rows(columns, self.groups, FULL_ROWS), self.groups)
+        free_fitted_zeros(self.full)
         self.looker = Looker(self.full)
         self.progress("first look", 0.05)
         empty = forward([], self.full.view)
@@ -119,6 +125,7 @@ class Search:
             calibrate_simulation(columns, self.groups.unit_columns, self.lines)
             self.full = Problem(columns, self.full.view.rows, self.groups)
             free_lines(self.full, self.lines)
+            free_fitted_zeros(self.full)
             self.looker = Looker(self.full)
             empty = forward([], self.full.view)
             self.before = {d.channel.name: self.looker.calibrate(d, empty) for d in self.full.data}
@@ -126,6 +133,7 @@ class Search:
             self.before = {d.channel.name: self.looker.calibrate(d, empty) for d in self.full.data}
         self.small = small_part(self.full)
         free_lines(self.small, self.lines)
+        free_fitted_zeros(self.small)
         self.variants = all_variants(self.small, effects, self.failed)
         self.gains: dict[int, float] = {}
         self.surcharge = Surcharge()
