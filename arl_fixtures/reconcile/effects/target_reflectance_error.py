@@ -9,10 +9,12 @@ from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     LightFactor,
     amplitude,
+    distances,
     light_channels,
     set_light,
     signals,
 )
+from arl_fixtures.reconcile.effects_panels import brighten, unnamed_panels
 from arl_fixtures.reconcile.effects_surface import light_share, pull_ranges, pulled_channels, surface_names
 from arl_fixtures.reconcile.effects_targets import before, rows_before, target_column
 from arl_fixtures.reconcile.view import View
@@ -22,7 +24,7 @@ class ReflectanceError(LightFactor):
     """I *= 1 + error · (the surface's share of the pixel's light): 1 on the surface, in between at its border.
 
     A sensor before one target at a time has a column of targets instead, or of their reflectances: there the error
-    is that of all rows before one of them.
+    is that of all rows before one of them. Where a known bench's surfaces have no names its rays tell what each adds.
     """
 
     id = "target.reflectance_error"
@@ -41,6 +43,14 @@ class ReflectanceError(LightFactor):
                     channels=tuple(dict.fromkeys((*light_channels(view, channel), *pulled_channels(view)))),
                     drivers=("surface",),
                     where={"surface": [surface]},
+                )
+            for panel in unnamed_panels(view):
+                yield Variant(
+                    effect=self.id,
+                    options={"channel": channel, "surface": panel, "column": ""},
+                    parameters=(amplitude("error", "1", -0.9, 4.0, 0.02),),
+                    channels=tuple(dict.fromkeys((*light_channels(view, channel), *distances(view)))),
+                    drivers=tuple(n for n in ("stage_angle_deg", "azimuth_deg", "pixel_u") if view.varies(n))[:2],
                 )
             yield from self._of_targets(view, channel)
 
@@ -67,22 +77,26 @@ class ReflectanceError(LightFactor):
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Multiplies the light; a pixel that sees another surface too ranges nearer to the brighter one."""
-        channel, factor = str(variant.options["channel"]), self.factor(variant, values, view)
+        channel, surface = str(variant.options["channel"]), str(variant.options["surface"])
+        if variant.options.get("column") == "":
+            brighten(view, state, channel, surface, float(values["error"]))
+            return
+        factor = self.factor(variant, values, view)
         set_light(view, state, channel, state[channel] * factor)
         if "column" in variant.options:
             return
-        pull_ranges(view, state, channel, str(variant.options["surface"]), factor)
+        pull_ranges(view, state, channel, surface, factor)
 
     def expression(self, variant: Variant) -> str:
         """The law."""
-        on = variant.options.get("column", "surface")
+        on = variant.options.get("column", "surface") or "the bench's surface"
         return f"{variant.options['channel']} *= 1 + error on {on} '{variant.options['surface']}'"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """The error in percent."""
         error = float(values["error"])
         what = "brighter" if error > 0.0 else "darker"
-        on = str(variant.options.get("column", "surface")).capitalize()
+        on = str(variant.options.get("column", "surface") or "surface").capitalize()
         return f"{on} '{variant.options['surface']}' is {abs(error) * 100:.2f} % {what} than the simulation assumes."
 
     def next_experiment(self, variant: Variant) -> str:
