@@ -3,6 +3,9 @@
 Panels and wall are cut into patches. What the sensor lights of them lights every target in turn: with the cosines of
 both ends, the area over the square of their distance (two-bounce radiosity of diffuse surfaces; Immel, Cohen,
 Greenberg, SIGGRAPH 1986), and arrives over half of the whole way from the sensor by the patch and the target back.
+
+A plainer account holds the same: panels as lamps that shine alike to all sides, whatever faces them, and the wall as
+none. What a real chamber does lies between the two.
 """
 
 from __future__ import annotations
@@ -36,24 +39,27 @@ class _Patches:
     reflectance: FloatArray
 
 
-def bounced(view: View) -> tuple[FloatArray, FloatArray] | None:
+def bounced(view: View, *, plain: bool = False) -> tuple[FloatArray, FloatArray] | None:
     """Twice-bounced light of every row of the whole table over its own, and its extra one-way path.
 
     The light is over its mean: how reflective the rest of a chamber is remains to be fitted. The path is in the unit
     of the table's distances. None where the bench is not known.
+
+    Args:
+        view: of a table; plain: of panels as lamps.
     """
     bench = bench_of(view)
     if bench is None:
         return None
 
     def make() -> tuple[FloatArray, FloatArray] | None:
-        light, detour = _of_spots(bench)
+        light, detour = _of_lamps(bench) if plain else _of_spots(bench)
         mean = float(light.mean())
         if not mean > 0.0:
             return None
         return (light / mean)[bench.index], detour[bench.index] * bench.unit
 
-    return per_table(view, "bounced", make)
+    return per_table(view, ("bounced", plain), make)
 
 
 def _of_spots(bench: Bench) -> tuple[FloatArray, FloatArray]:
@@ -72,6 +78,25 @@ def _of_spots(bench: Bench) -> tuple[FloatArray, FloatArray]:
         target[:, 2] += some.height_m
         light[rows], detour[rows] = _two_bounces(bench, some, patches, target, normal, ray, range_m)
     return light, detour
+
+
+def _of_lamps(bench: Bench) -> tuple[FloatArray, FloatArray]:
+    """The same from patches that shine to all sides: reflectance · area over (π · distance² + area) of each."""
+    scene, spots = bench.optics.scene, bench.spots
+    one = Optics(camera=bench.optics.camera, rays=1, soft_rad=0.0, scene=scene)
+    ray, range_m, _ = aimed(one, spots)
+    target = ray * range_m[:, None]
+    light, detour = np.zeros(spots.u.size), np.zeros(spots.u.size)
+    target[:, 2] += spots.height_m
+    for panel in scene.panels:
+        lamps, elsewhere = _on_panel(panel), ~_on(panel, target)
+        for place, area, reflectance in zip(lamps.place, lamps.area, lamps.reflectance, strict=True):
+            way = np.linalg.norm(target - place, axis=1)
+            there = np.hypot(float(np.hypot(place[0], place[1])), place[2] - spots.height_m)
+            share = reflectance * area / (np.pi * way**2 + area) * elsewhere
+            light += share
+            detour += share * 0.5 * (there + way - range_m)
+    return light, detour / np.maximum(light, 1e-300)
 
 
 def aimed(optics: Optics, spots: Spots) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Option, Parameter, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_bounce import bounced
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     amplitude,
@@ -32,6 +33,7 @@ class Multipath(Effect):
     * room: the target is lit by the surfaces round about too, I *= 1 + k, D += k / (1 + k)·detour; k and the detour
       at each bearing follow from the simulated scene (every surface lights every other by its brightness, both facing
       angles and the square of their distance).
+    * lamps (of the nominal bench): the same by panels that shine alike to all sides.
     * image, near: stray light of the image, or of the columns within nine pixels, arrives over a longer way:
       I += share·S, D += detour·share·S / (I + share·S): weak pixels beside bright ones lengthen most.
     * side: a surface beside the beam (floor, housing), at `height`: detour (sqrt(R² + 4·height²) − R) / 2 with a
@@ -61,7 +63,8 @@ class Multipath(Effect):
         everything = tuple(dict.fromkeys((*far, *lit)))
         if room(view) is not None:
             drivers = [name for name in ("stage_angle_deg", "azimuth_deg") if view.varies(name)]
-            yield self._variant("room", (share,), everything, (*drivers, f"sim_{far[0]}"))
+            for source in ("room", "lamps") if bounced(view) is not None else ("room",):
+                yield self._variant(source, (share,), everything, (*drivers, f"sim_{far[0]}"))
         if channel and has_frames(view):
             detour = shape("detour", unit, 0.15 * size, 5.0 * size, 0.4 * size)
             for source in ("image", "near") if view.varies("pixel_u") else ("image",):
@@ -129,17 +132,17 @@ class Multipath(Effect):
                 moved = 0.5 * part / (1.0 + part) * (longer - state[name])
                 state[name] = state[name] + np.where(np.isfinite(moved), moved, 0.0)
             return
-        if source in ("room", "wall"):
+        if source in ("room", "lamps", "wall"):
             if source == "wall":
                 part, detour = by_the_wall(variant, values, state, view)
             else:
-                lit = room(view)
+                lit = room(view) if source == "room" else bounced(view, plain=True)
                 if lit is None:
                     return
                 part, detour = share * lit[0][view.rows], lit[1][view.rows]
             for name in distances(view):
                 state[name] = state[name] + part / (1.0 + part) * detour
-            if channel and (source == "room" or variant.options.get("lit")):
+            if channel and (source != "wall" or variant.options.get("lit")):
                 set_light(view, state, channel, state[channel] * (1.0 + part))
             return
         add_stray_light(
@@ -162,11 +165,9 @@ class Multipath(Effect):
                 x, y = (_relative_text(variant, axis) for axis in _AXES)
                 lean = f" * max(1 + across * x + along * y + sides * x^2, 0), x = {x}, y = {y}"
             return f"{law}(distance / L)^2{lean}" + ("; signal *= 1 + k" if variant.options.get("lit") else "")
-        if source == "room":
-            return (
-                "light *= 1 + k; distance += k / (1 + k) * detour; k = share * (light from the other surfaces), "
-                "mean 1"
-            )
+        if source in ("room", "lamps"):
+            of = "the other surfaces), mean 1" if source == "room" else "the panels as lamps), mean 1"
+            return f"light *= 1 + k; distance += k / (1 + k) * detour; k = share * (light from {of}"
         if source == "wall":
             return law_by_the_wall(variant)
         around = "of the image" if source == "image" else "of the columns beside"
@@ -176,7 +177,7 @@ class Multipath(Effect):
         """Share and detour."""
         share, unit = f"{values['share'] * 100:.2f} %", unit_of(distances(view)[0])
         source = variant.options["source"]
-        if source == "room":
+        if source in ("room", "lamps"):
             return (
                 f"Targets are lit by the surfaces round about too: on average {share} of their light took that "
                 "detour."

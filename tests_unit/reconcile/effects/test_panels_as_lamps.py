@@ -1,0 +1,49 @@
+"""Panels of the bench that shine to all sides, summed point by point: their light takes a longer way."""
+
+import numpy as np
+from traced_bench import BOARDS, LIGHT, RANGE, STRIPES, table
+
+from arl_fixtures.reconcile.reconcile import diagnose
+
+SENSOR = np.array([0.0, 0.0, 0.10])
+DOTTED = 0.05 + 25 * 0.8 * np.pi * 0.035**2 / 0.56**2
+PANELS = [*((a, 0.135, 0.80, paint) for a, paint in STRIPES), *((a, 0.56, 0.56, DOTTED) for a in BOARDS)]
+
+
+def by_all_points(place, own):
+    """Light that panels send to places in the room, point by point, and its whole way, both sums over points."""
+    light, way = np.zeros(len(place)), np.zeros(len(place))
+    for k, (azimuth, width, height, paint) in enumerate(PANELS):
+        angle = np.radians(azimuth)
+        across, up = (x.ravel() for x in np.meshgrid(np.linspace(-0.5, 0.5, 9), np.linspace(-0.5, 0.5, 15)))
+        ahead, aside = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([-np.sin(angle), np.cos(angle), 0.0])
+        points = 1.1 * ahead + width * across[:, None] * aside + height * up[:, None] * np.eye(3)[2]
+        apart = np.linalg.norm(place[:, None] - points, axis=2)
+        there = np.linalg.norm(points - SENSOR, axis=1)
+        part = paint * width * height / across.size / (np.pi * apart**2 + 0.02) * (own != k)[:, None]
+        light += part.sum(axis=1)
+        way += (part * (there + apart)).sum(axis=1)
+    return light, way / np.maximum(light, 1e-12)
+
+
+def lit_by_panels(seed, share):
+    columns = table(seed=seed, noise=False, angles=31)
+    numbers, rng = columns.numbers, np.random.default_rng(seed)
+    bearing = -np.radians(numbers["azimuth_deg"] + numbers["stage_angle_deg"])  # to the left, from the arc's middle
+    far, up = numbers[f"sim_{RANGE}"], np.radians(numbers["elevation_deg"])
+    level = far * np.cos(up)
+    place = np.stack([level * np.cos(bearing), level * np.sin(bearing), 0.10 + far * np.sin(up)], axis=1)
+    off = np.abs(np.degrees(bearing)[:, None] - np.array([azimuth for azimuth, *_ in PANELS]))
+    own = np.where(level > 1.4, -1, np.argmin(off, axis=1))
+    light, way = by_all_points(place, own)
+    part = share * light / light.mean()
+    noise = rng.normal(size=(2, columns.n)) / np.sqrt(10.0)
+    numbers[LIGHT] = numbers[f"sim_{LIGHT}"] * (1.0 + part) + numbers[f"sim_{LIGHT}_std"] * noise[0]
+    moved = part / (1.0 + part) * (0.5 * (way + far) - far)
+    numbers[RANGE] = far + moved + numbers[f"sim_{RANGE}_std"] * noise[1]
+    return columns
+
+
+def test_panels_that_light_each_other_from_all_sides_are_named():
+    found = diagnose(lit_by_panels(4, 0.01))[0].findings
+    assert [f.effect for f in found] == ["air.multipath"]
