@@ -30,6 +30,8 @@ from arl_fixtures.reconcile.view import View
 _FEWEST_STEPS = 5
 _CURVES = ("curve", "junction")
 
+_HOTTEST_K = 80.0
+"""What a diode's junction is warmer than its case at most: it fails beyond."""
 
 class ThermalRolloff(LightFactor):
     """Power over temperature, a knee where the cooler gives up, or the whole light-current curve.
@@ -73,7 +75,8 @@ class ThermalRolloff(LightFactor):
                     origin = shape("reference", "°C", low, high, low, reference(view, column))
                     kind: dict[str, Option] = {"kind": "curve", "temperature": column, "current": currents[0]}
                     yield self._variant(view, channel, kind, (shift, loss, origin), (column, currents[0]))
-                    heating = shape("heating", "K", 0.0, 4.0 * wide, 0.2 * wide, wide)
+                    hottest = min(4.0 * wide, _HOTTEST_K)
+                    heating = shape("heating", "K", 0.0, hottest, 0.05 * hottest, 0.25 * hottest)
                     power, growth = (
                         shape("exponent", "1", 0.7, 3.0, 1.5),
                         shape("growth", "1/K", 0.0, 4.0 / wide, 0.5 / wide),
