@@ -9,7 +9,7 @@ import numpy as np
 from arl_fixtures.reconcile.calibrated_units import fitted_lines
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.diagnosis import Finding, ParameterValue
-from arl_fixtures.reconcile.findings import held_out_of
+from arl_fixtures.reconcile.held_out import held_out_of
 from arl_fixtures.reconcile.model_file import unit_keys
 
 if TYPE_CHECKING:

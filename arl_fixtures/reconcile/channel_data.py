@@ -12,17 +12,9 @@ from numpy.typing import NDArray
 from arl_fixtures.reconcile.columns import Channel, FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.mixed_model import UnitConstants
-from arl_fixtures.reconcile.noise import (
-    Level,
-    Whitener,
-    beside_steps,
-    by_size,
-    fit_tau,
-    less_constants,
-    scale_of,
-    surprise,
-)
+from arl_fixtures.reconcile.noise import Level, beside_steps, by_size, fit_tau, less_constants, scale_of, surprise
 from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.whitener import Whitener
 
 ZERO_SHARE = 0.02
 """Standard deviation of a calibrated signal's zero beside an effect, as a share of the median signal."""

@@ -17,7 +17,8 @@ from arl_fixtures.reconcile.columns import Columns, FloatArray
 from arl_fixtures.reconcile.context import CONTEXT_FILE, beside, read_context, write_context
 from arl_fixtures.reconcile.diagnosis import Diagnosis
 from arl_fixtures.reconcile.localise import write_localisation
-from arl_fixtures.reconcile.model_file import corrected_state, read_model, terms_of, write_model
+from arl_fixtures.reconcile.model_file import read_model, write_model
+from arl_fixtures.reconcile.model_state import corrected_state, terms_of
 from arl_fixtures.reconcile.own_words import in_own_words
 from arl_fixtures.reconcile.page import write_page
 from arl_fixtures.reconcile.progress_bar import Bar

@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from arl_fixtures.reconcile.acceptance import MISFIT_SHARE
 from arl_fixtures.reconcile.calibration_findings import constant_finding, line_finding
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.consequences import is_back_action, is_within_noise_law, read_alike, without_back_actions
@@ -19,20 +18,14 @@ from arl_fixtures.reconcile.cross_fit import cross_fitted
 from arl_fixtures.reconcile.dead import bring_back, dead_first
 from arl_fixtures.reconcile.diagnosis import ChannelFit, Finding
 from arl_fixtures.reconcile.effect import Effect, State
-from arl_fixtures.reconcile.findings import (
-    held_out_without,
-    law_finding,
-    mean_square,
-    named_finding,
-    ordered,
-    pattern_finding,
-    scatter_finding,
-)
+from arl_fixtures.reconcile.findings import law_finding, named_finding, ordered, pattern_finding, scatter_finding
 from arl_fixtures.reconcile.fit import Fit, finish, fit
 from arl_fixtures.reconcile.followed import followed_law
 from arl_fixtures.reconcile.free_constants import constant_z
+from arl_fixtures.reconcile.held_out import held_out_without, mean_square
 from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.law_of_rest import law_of_rest
+from arl_fixtures.reconcile.misfit import MISFIT_SHARE
 from arl_fixtures.reconcile.one_cause import join_readouts
 from arl_fixtures.reconcile.patterns import PATTERN_GAIN, Pattern, find_patterns, is_calibration
 from arl_fixtures.reconcile.problem import Problem

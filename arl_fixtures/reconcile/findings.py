@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from arl_fixtures.reconcile.acceptance import PRICE
-from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.diagnosis import Alternative, Finding, HeldOut, ParameterValue
-from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.effects_render import rendered
+from arl_fixtures.reconcile.finding_words import separating, size_of, statement, tidy
 from arl_fixtures.reconcile.fit import Fit, finish, fit
+from arl_fixtures.reconcile.held_out import held_out_of, held_out_without
 from arl_fixtures.reconcile.intervals import half_widths
 from arl_fixtures.reconcile.law import Law, LawTerm
 from arl_fixtures.reconcile.patterns import Pattern
 from arl_fixtures.reconcile.region import columns_as_drivers, energy_region
-from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.screen import screen
 from arl_fixtures.reconcile.settling import shortlist
 from arl_fixtures.reconcile.shared_scatter import Scatter
@@ -57,7 +55,7 @@ def named_finding(decision: Decision, index: int) -> Finding:
         expression=effect.expression(term.variant), source=effect.source, parameters=_parameters(decision, index),
         statement=statement(sentence, where, twins), alternatives=alternatives, equivalent_to=twins,
         held_out=held_out_without(decision, [term], channels, gain), strength=gain, terms=[term],
-        next_experiment=_separating(effect.next_experiment(term.variant), tests),
+        next_experiment=separating(effect.next_experiment(term.variant), tests),
     )  # fmt: skip
 
 
@@ -86,14 +84,6 @@ def _parameters(decision: Decision, index: int) -> list[ParameterValue]:
             low, high = max(value - width, p.low), min(value + width, p.high)
             made.append(ParameterValue(name=p.name, value=value, unit=p.unit, low=float(low), high=float(high)))
     return made
-
-
-def _separating(own: str, tests: dict[str, str]) -> str:
-    """The measurement that would tell a finding from what this table cannot tell from it."""
-    parts = [own] + [
-        f"To check for {effect}: {text}" for effect, text in list(tests.items())[:2] if text and text != own
-    ]
-    return " ".join(part for part in parts if part)
 
 
 def _alternatives(
@@ -134,17 +124,6 @@ def _alternatives(
         if twin:
             twins[effect] = other.effect.next_experiment(other.variant)
     return alternatives[:6], twins
-
-
-def held_out_without(
-    decision: Decision, left_out: Sequence[Term], channels: Sequence[str], gain: float
-) -> HeldOut:
-    """Before and after of terms that are left out, over channels."""
-    rest = tuple(t for t in decision.terms if all(t is not own for own in left_out))
-    before_state = forward(rest, decision.problem.view)
-    after = decision.cross_fitted()
-    data = [d for d in decision.problem.data if d.channel.name in channels]
-    return held_out_of(data, before_state, after, decision.problem.groups.block_name, gain)
 
 
 def error_of_spread(values: FloatArray) -> float:
@@ -221,7 +200,7 @@ def law_finding(decision: Decision, law: Law) -> Finding:
     nearest = _nearest(decision, law.channel)
     text = (
         f"{law.channel} differs from the simulation with {', '.join(drivers[:3]) or 'no single column'} "
-        f"{_size_of(total, law, before[law.channel][d.use])}; no effect of the library explains it."
+        f"{size_of(total, law, before[law.channel][d.use])}; no effect of the library explains it."
     )
     held = HeldOut(
         blocks=decision.problem.groups.block_name, before=left.before, after=left.after,
@@ -286,66 +265,6 @@ def scatter_finding(decision: Decision, scatter: Scatter) -> Finding:
         statement=tidy(term.effect.sentence(term.variant, term.values, decision.problem.view)),
         next_experiment=term.effect.next_experiment(term.variant),
     )  # fmt: skip
-
-
-def mean_square(d: ChannelData, state: State, *, centred: bool = False) -> float:
-    """Mean squared residual in standard errors; outliers weigh as in the fit. Centred: beside a gain or offset."""
-    residual = d.residual(state)
-    if centred and d.calibrated:
-        # a gain belongs to what is corrected, not to the simulation before it
-        along = state[d.channel.name][d.use] if d.channel.role is Role.INTENSITY else np.ones(len(residual))
-        weight = d.root_weight**2 * along
-        power = np.maximum(np.bincount(d.unit, weight * along, minlength=d.units), 1e-300)
-        residual = residual - along * (np.bincount(d.unit, weight * residual, minlength=d.units) / power)[d.unit]
-    return float(np.sum(d.trust * (residual / d.stated) ** 2) / np.sum(d.trust))
-
-
-def held_out_of(data: Sequence[ChannelData], before: State, after: State, blocks: str, gain: float) -> HeldOut:
-    """Before and after over channels."""
-    rows = np.array([float(len(d.use)) for d in data])
-    first = float(np.average([mean_square(d, before) for d in data], weights=rows)) if data else 0.0
-    last = float(np.average([mean_square(d, after, centred=True) for d in data], weights=rows)) if data else 0.0
-    floor = min(float(np.average([d.spread**2 for d in data], weights=rows)), last) if data else 1.0
-    share = (first - last) / max(first - floor, 1e-9)
-    return HeldOut(blocks=blocks, before=first, after=last, explained=float(np.clip(share, -1.0, 1.0)), gain=gain)
-
-
-def statement(sentence: str, where: dict[str, list[str] | list[float]], twins: Sequence[str]) -> str:
-    """The sentence, where it holds, and what cannot be told from it."""
-    text = tidy(sentence)
-    places = []
-    for column, bounds in where.items():
-        if bounds and isinstance(bounds[0], str):
-            places.append(f"{column} {', '.join(str(b) for b in bounds)}")
-        elif len(bounds) == 2:
-            unit = "" if unit_of(column) == "1" else f" {unit_of(column)}"
-            places.append(f"{column} {bounds[0]:.4g} to {bounds[1]:.4g}{unit}")
-    if places:
-        text += " Where: " + "; ".join(places) + "."
-    if twins:
-        text += " This table cannot tell it from " + " or ".join(twins) + "."
-    return text
-
-
-def tidy(sentence: str) -> str:
-    """A sentence without the unit 1 behind a number, signs before a rounded zero, and spaces before a full stop."""
-    text = re.sub(r"(?<=\d) 1(?= of |[.,;)]|$)", "", sentence.strip())
-    text = re.sub(r"(?<![\w.^*])[+-](?=0\.0+(?:\s|%))", "", text)
-    return re.sub(r"\s+(?=[.,;])", "", re.sub(r"  +", " ", text))
-
-
-def _size_of(total: FloatArray, law: Law, sim: FloatArray) -> str:
-    """How far a law moves the rows that it moves at all, in brackets; empty for one that moves none."""
-    moved = np.abs(total) > 0.0
-    if not moved.any():
-        return ""
-    if law.relative:
-        share = float(np.nanquantile(np.abs(total / np.where(sim == 0, np.nan, sim))[moved], 0.98))
-        size = f"{100 * share:.{2 if share < 1.0 else 3}g} %" if share < 9.99 else f"{100 * share:.0f} %"
-    else:
-        amount = float(np.quantile(np.abs(total)[moved], 0.98))
-        size = f"{1e3 * amount:.3g} mm" if law.unit == "m" and amount < 0.1 else tidy(f"{amount:.3g} {law.unit}")
-    return f"(up to {size})"
 
 
 def ordered(findings: list[Finding], names: int) -> list[Finding]:

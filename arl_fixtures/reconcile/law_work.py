@@ -12,8 +12,8 @@ from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.law import Features
 from arl_fixtures.reconcile.law_basis import Basis, Known
-from arl_fixtures.reconcile.noise import Shared, Whitener
 from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.whitener import Shared, Whitener
 
 MOST_ROWS, ALL_ROWS = 6_000, 20_000
 """Rows on which candidates are ranked, and on which the best of them are judged and fitted."""

@@ -14,7 +14,8 @@ from arl_fixtures.reconcile.calibrated_units import calibrate_simulation
 from arl_fixtures.reconcile.columns import Channel, Columns, FloatArray, IntArray
 from arl_fixtures.reconcile.diagnosis import Finding
 from arl_fixtures.reconcile.features import features_of
-from arl_fixtures.reconcile.model_file import ModelFile, corrected_state, laws_of, terms_of
+from arl_fixtures.reconcile.model_file import ModelFile
+from arl_fixtures.reconcile.model_state import corrected_state, laws_of, terms_of
 from arl_fixtures.reconcile.stated import stated_error
 from arl_fixtures.reconcile.table import table_in_batches
 from arl_fixtures.reconcile.terms import forward

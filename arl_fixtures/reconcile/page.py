@@ -6,7 +6,6 @@ all of it, and the pictures are made of escaped text only. See `page_rows` for t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,18 +15,24 @@ from markupsafe import Markup
 
 from arl_fixtures.reconcile import page_words as words
 from arl_fixtures.reconcile.channel_data import ChannelData
-from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray
 from arl_fixtures.reconcile.decide import Decision
 from arl_fixtures.reconcile.diagnosis import ChannelFit, Diagnosis, Finding
 from arl_fixtures.reconcile.effect import Kind, State
-from arl_fixtures.reconcile.findings import mean_square
-from arl_fixtures.reconcile.grouping import Groups
+from arl_fixtures.reconcile.held_out import mean_square
 from arl_fixtures.reconcile.page_data import Mismatch
 from arl_fixtures.reconcile.page_figures import bars
+from arl_fixtures.reconcile.page_parts import (
+    block_names,
+    held_back,
+    level_text,
+    misfit_of_fold,
+    outliers,
+    rays_of,
+    size_text,
+)
 from arl_fixtures.reconcile.page_pictures import Gallery
 from arl_fixtures.reconcile.page_rows import shown_rows
 from arl_fixtures.reconcile.problem import FOLDS
-from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.terms import forward
 from arl_fixtures.reconcile.view import View
 
@@ -36,10 +41,6 @@ NAMED_BLOCKS = 4
 
 LEAST_CONSTANT = 1e-4
 """Share of a row's noise below which a unit's constant is not listed."""
-FAR_Z, FEW = 10.0, 0.01
-"""So few rows so many standard errors off are outliers, not a mismatch."""
-HELD_BACK = 0.25
-"""Weight below which a row is held back (see `lonely`)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,12 +119,12 @@ class _Maker:
                 seen = f"On {words.counted(self.shown.problem.view.n)} rows that the search never looked at"
                 before, after = mean_square(d, self.shown.before), mean_square(d, self.shown.after, centred=True)
                 fit = ChannelFit(before=before, after=after, unexplained=fit.unexplained)
-            size = _size_text(d, m.change(self.shown.before, self.shown.after))
+            size = size_text(d, m.change(self.shown.before, self.shown.after))
             size = size.replace("it touches", "that the findings touch")
             text = words.matters(
                 fit, min(d.spread**2, fit.after), constants=name in self.diagnosis.constants, seen=seen
             )  # fmt: skip
-            text = f"{size[:1].upper()}{size[1:]} {text} {_outliers(d, self.shown.after)}"
+            text = f"{size[:1].upper()}{size[1:]} {text} {outliers(d, self.shown.after)}"
             made.append((name, text.strip()))
         return made
 
@@ -151,7 +152,7 @@ class _Maker:
             rows += (
                 f"; the pictures show {words.counted(self.shown.problem.view.n)} others)" if self.shown.fresh else ")"
             )
-        made = [("Rows", rows), *_rays(columns)]
+        made = [("Rows", rows), *rays_of(columns)]
         for d in problem.data:
             noise = "" if d.stated_known else "; the simulation states no noise, it was estimated"
             wider = f"; rows scatter {d.spread:.2g} times as much as stated" if d.spread > 1.15 else ""
@@ -159,7 +160,7 @@ class _Maker:
             made.append(
                 (
                     f"Channel {d.channel.name}",
-                    f"{unit or 'no unit'}, {words.counted(len(d.use))} rows compared{noise}{wider}{_held_back(d)}",
+                    f"{unit or 'no unit'}, {words.counted(len(d.use))} rows compared{noise}{wider}{held_back(d)}",
                 )
             )
         for label, names in (
@@ -167,7 +168,7 @@ class _Maker:
             ("Stage angles", ("stage_angle_deg",)), ("Pixels", ("pixel_u", "pixel_v")),
         ):  # fmt: skip
             if names[-1] in columns.numbers or names[-1] in columns.categories:
-                made.append((label, _level_text(columns, label, names)))
+                made.append((label, level_text(columns, label, names)))
         made.append(("Blocks held out in turn", problem.groups.block_name))
         if problem.groups.unit_columns:
             made.append(("Calibrated as one unit", "each " + words.joined(problem.groups.unit_columns)))
@@ -205,7 +206,9 @@ class _Maker:
         made = []
         for fold in range(FOLDS):
             blocks = self._blocks(fold)
-            pairs = [(_part(d, before, fold), _part(d, self.after, fold, centred=True)) for d in data]
+            pairs = [
+                (misfit_of_fold(d, before, fold), misfit_of_fold(d, self.after, fold, centred=True)) for d in data
+            ]
             counts = [int(np.sum(d.fold == fold)) for d in data]
             if blocks and sum(counts):
                 first, last = (float(np.average([p[k] for p in pairs], weights=counts)) for k in (0, 1))
@@ -216,7 +219,7 @@ class _Maker:
         """Names of the blocks of a fold."""
         problem = self.decision.problem
         rows = self.view.rows[problem.fold == fold]
-        names = list(dict.fromkeys(_block_names(problem.columns, problem.groups, rows)))
+        names = list(dict.fromkeys(block_names(problem.columns, problem.groups, rows)))
         return ", ".join(names[:NAMED_BLOCKS]) + (
             f" and {len(names) - NAMED_BLOCKS} more" if len(names) > NAMED_BLOCKS else ""
         )
@@ -236,7 +239,7 @@ class _Maker:
                 moved = m.change(self._without(f), forward(self.decision.terms, self.view))
             else:
                 continue
-            text = _size_text(m.data, moved)
+            text = size_text(m.data, moved)
             if text:
                 apart = m.moves_units_only(moved / m.data.scale)
                 lead = "In" if apart else "Beyond what calibration would take away, in"
@@ -250,96 +253,3 @@ class _Maker:
         return [(reason, [e for e, r in sorted(made.items()) if r == reason]) for reason in reasons]
 
 
-def _part(d: ChannelData, state: State, fold: int, *, centred: bool = False) -> float:
-    residual = d.residual(state)
-    if centred and d.calibrated:
-        residual = residual - d.scale * d.constants(residual)[d.unit]
-    here = d.fold == fold
-    return float(np.sum((d.trust * (residual / d.stated) ** 2)[here]) / max(float(np.sum(d.trust[here])), 1e-12))
-
-
-def _rays(columns: Columns) -> list[tuple[str, str]]:
-    """Where the directions of pixels come from that the table does not give."""
-    if not columns.derived:
-        return []
-    if not columns.lens:
-        return [("Rays", "not all in the table; those of the nominal camera")]
-    pitch = float(np.degrees(1.0 / columns.lens["fx"]))
-    return [
-        ("Rays", f"not in the table; its sweep shows {pitch:.3g}° from pixel to pixel in the middle of the image")
-    ]
-
-
-def _held_back(d: ChannelData) -> str:
-    """How many rows are off by far alone and count for next to nothing, empty where none are."""
-    count = int(np.sum(d.trust < HELD_BACK))
-    if not count:
-        return ""
-    rows = "1 row lies" if count == 1 else f"{words.counted(count)} rows lie"
-    return f"; {rows} far off alone and {'counts' if count == 1 else 'count'} for next to nothing"
-
-
-def _outliers(d: ChannelData, state: State) -> str:
-    """A sentence about the few rows that make most of a mean square, empty where none do."""
-    residual = d.residual(state)
-    if d.calibrated:
-        residual = residual - d.scale * d.constants(residual)[d.unit]
-    power = (residual / (d.stated * d.spread)) ** 2
-    far = power > FAR_Z**2
-    if not 0 < far.sum() < FEW * len(far) or power[far].sum() < 0.5 * power.sum():
-        return ""
-    count = words.counted(int(far.sum()))
-    rows = "1 row lies" if far.sum() == 1 else f"{count} rows lie"
-    return f"{rows} more than {FAR_Z:g} standard errors off and make most of what is left: single outliers."
-
-
-def _size_text(d: ChannelData, moved: FloatArray) -> str:
-    size = np.abs(moved)
-    good = np.isfinite(size) & (size > 0.02 * float(np.nanmax(size, initial=0.0)))
-    if not good.any():
-        return ""
-    factor, unit = (1000.0, "mm") if d.channel.unit == "m" else (1.0, words.unit_text(d.channel.unit))
-    relative = None
-    if d.channel.role in {Role.INTENSITY, Role.SCATTER}:
-        relative = float(np.median(size[good] / d.scale[good]))
-    typical, most = (float(np.quantile(size[good], q)) * factor for q in (0.5, 0.95))
-    return words.size_sentence(typical, most, float(np.median(d.stated * d.spread)) * factor, unit, relative)
-
-
-def _level_text(columns: Columns, label: str, names: Sequence[str]) -> str:
-    if label == "DUTs":
-        labels = columns.categories["dut"][1] if "dut" in columns.categories else ()
-        shown = ", ".join(labels[:8]) + (f" and {len(labels) - 8} more" if len(labels) > 8 else "")
-        return f"{len(labels)}: {shown}"
-    return str(int(columns.group(*names).max()) + 1)
-
-
-def _block_names(columns: Columns, groups: Groups, rows: IntArray) -> list[str]:
-    """Names of the blocks that some rows belong to, from the columns that make a block."""
-    code, first = np.unique(groups.block[rows], return_index=True)
-    if groups.block_name == "temperature steps":
-        return [_step_name(columns, int(rows[k])) or f"block {c + 1}" for c, k in zip(code, first, strict=True)]
-    column = "stage_angle_deg" if groups.block_name == "stage angles" else groups.block_name.rsplit(" ", 1)[-1]
-    if column not in columns.numbers:
-        return [f"block {c + 1}" for c in code]
-    values = columns.numbers[column]
-    unit = words.unit_text(words.column_unit(column))
-    names = []
-    for c in code:
-        here = values[rows[groups.block[rows] == c]]
-        low, high = float(np.nanmin(here)), float(np.nanmax(here))
-        names.append(f"{words.plain(low)}{f' to {words.plain(high)}' if high > low else ''} {unit}".rstrip())
-    return names
-
-
-def _step_name(columns: Columns, row: int) -> str:
-    text = []
-    for name, word in (("dut", ""), ("cycle", "cycle "), ("step", "step ")):
-        if name in columns.categories:
-            code, labels = columns.categories[name]
-            text.append(labels[code[row]] if len(labels) > 1 and code[row] >= 0 else "")
-        elif name in columns.numbers and (name != "cycle" or columns.group("cycle").max() > 0):
-            text.append(f"{word}{columns.numbers[name][row]:g}")
-    if "step" not in columns.numbers and "set_temperature_c" in columns.numbers:
-        text.append(f"{columns.numbers['set_temperature_c'][row]:g} °C")
-    return " ".join(t for t in text if t)

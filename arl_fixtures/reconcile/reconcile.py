@@ -13,7 +13,7 @@ from arl_fixtures.reconcile.constants import constants_of, of_unseen, zeros_of
 from arl_fixtures.reconcile.decide import Decision
 from arl_fixtures.reconcile.diagnosis import ChannelFit, Diagnosis
 from arl_fixtures.reconcile.effect import Effect
-from arl_fixtures.reconcile.findings import mean_square
+from arl_fixtures.reconcile.held_out import mean_square
 from arl_fixtures.reconcile.model_file import ModelFile, model_of
 from arl_fixtures.reconcile.rivals import is_structure
 from arl_fixtures.reconcile.roles import Role

@@ -6,17 +6,17 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from arl_fixtures.reconcile.acceptance import MISFIT_SHARE
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.law_search import search_law
 from arl_fixtures.reconcile.locate import locate
-from arl_fixtures.reconcile.noise import Whitener
+from arl_fixtures.reconcile.misfit import MISFIT_SHARE
 from arl_fixtures.reconcile.patterns import Pattern
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import BEARING_SIGNS, FIELD_COLUMNS, PIXEL_COLUMNS, Role, told_by
 from arl_fixtures.reconcile.terms import Term, forward
+from arl_fixtures.reconcile.whitener import Whitener
 
 BEATEN_BY, BEATEN_SHARE, BEATEN_OWN = 4.0, 0.05, 6.0
 """By how much a law must do better than names before these are refused: log-likelihood, or share of their gain; and

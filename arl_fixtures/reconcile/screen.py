@@ -21,6 +21,7 @@ from arl_fixtures.reconcile.direct import loss, outwards, undiminished
 from arl_fixtures.reconcile.effect import Effect, Kind, State, Variant
 from arl_fixtures.reconcile.effects_pointing import by_whole_pixels
 from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.screen_sums import UnitSums, by_chance, choices_of, solve_amplitudes
 from arl_fixtures.reconcile.terms import Term, beside, default_values, forward
 
 MAX_STARTS, MAX_PRODUCTS = 12, 16
@@ -208,8 +209,8 @@ def screen(
         if with_chance
         else None
     )
-    by_unit = _UnitSums(residual, unit, len(labels), noise)
-    at_once = _UnitSums(residual, np.zeros_like(unit), 1, noise)
+    by_unit = UnitSums(residual, unit, len(labels), noise)
+    at_once = UnitSums(residual, np.zeros_like(unit), 1, noise)
     best_by_chance, best_by_search, best_alone = np.zeros(DRAWS), np.zeros(DRAWS), np.zeros(DRAWS)
     found: list[Candidate] = []
     for effect, variant in variants:
@@ -229,7 +230,7 @@ def screen(
             whole = np.sum(grams, axis=0)
             if not np.any(np.diag(whole) > 1e-6):
                 continue
-            for label, gram, score in _choices(grams, scores, labels if alone else ("",)):
+            for label, gram, score in choices_of(grams, scores, labels if alone else ("",)):
                 amplitude, gain = solve_amplitudes(gram, score, variant)
                 gain = max(gain - handicap_of(variant), 0.0)
                 if gain > (best[label].gain if label in best else 0.0):
@@ -243,10 +244,10 @@ def screen(
             if noise is not None:
                 drawn = sums.by_chance(tangents)
                 largest = best_by_search if is_search(variant) else best_by_chance
-                np.maximum(largest, _chance(np.sum(drawn, axis=0), whole) - handicap_of(variant), out=largest)
+                np.maximum(largest, by_chance(np.sum(drawn, axis=0), whole) - handicap_of(variant), out=largest)
                 if alone and not is_search(variant):
                     for gram, score in zip(grams, drawn, strict=True):
-                        np.maximum(best_alone, _chance(score, gram) - handicap_of(variant), out=best_alone)
+                        np.maximum(best_alone, by_chance(score, gram) - handicap_of(variant), out=best_alone)
         if variant.rough:
             places = (unit, labels, column) if alone else (np.zeros_like(unit), ("",), "")
             with undiminished(problem):
@@ -312,77 +313,8 @@ def unit_labels(problem: Problem) -> tuple[str, tuple[str, ...]]:
     return columns[0], tuple(labels[codes[i]] for i in first)
 
 
-class _UnitSums:
-    """Products of tangents with each other, with the residual and with draws of noise, over each unit's rows."""
-
-    def __init__(
-        self, residual: FloatArray, unit: IntArray, count: int, noise: NDArray[np.float32] | None = None
-    ) -> None:
-        order = np.argsort(unit, kind="stable")
-        self._order = None if np.array_equal(order, np.arange(len(order))) else order
-        self._residual = residual if self._order is None else residual[order]
-        self._noise = noise  # any order of its rows is as good a draw
-        ends = np.cumsum(np.bincount(unit, minlength=count))  # of a unit that no channel at work has, no rows
-        self._parts = [slice(start, end) for start, end in itertools.pairwise([0, *ends.tolist()])]
-
-    def __call__(self, tangents: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
-        """Matrix of the tangents' products, and scores, of each unit."""
-        rows = tangents if self._order is None else tangents[:, self._order]
-        parts = [(rows[:, part], self._residual[part]) for part in self._parts]
-        return [own @ own.T for own, _ in parts], [own @ residual for own, residual in parts]
-
-    def by_chance(self, tangents: FloatArray) -> list[FloatArray]:
-        """Scores of each unit on each draw of noise, shape (draws, amplitudes)."""
-        if self._noise is None:
-            return []
-        rows = (tangents if self._order is None else tangents[:, self._order]).T.astype(np.float32)
-        return [np.asarray(self._noise[:, part] @ rows[part], dtype=np.float64) for part in self._parts]
-
-
-def _choices(
-    grams: list[FloatArray], scores: list[FloatArray], labels: tuple[str, ...]
-) -> Iterator[tuple[str, FloatArray, FloatArray]]:
-    yield "", np.sum(grams, axis=0), np.sum(scores, axis=0)
-    if len(labels) > 1:
-        yield from zip(labels, grams, scores, strict=True)
-
-
 def handicap_of(variant: Variant) -> float:
     """What a variant of many amplitudes gives up, so that chance finds no more in it than in others."""
     return MANY_PRICE * max(sum(not p.per for p in variant.amplitudes()) - FEW_AMPLITUDES, 0)
 
 
-def solve_amplitudes(gram: FloatArray, score: FloatArray, variant: Variant) -> tuple[FloatArray, float]:
-    """Amplitudes (typical sizes from null) within their one-sided bounds, and the log-likelihood gained."""
-    amplitudes = [p for p in variant.amplitudes() if not p.per]
-    free = np.diag(gram) > 1e-9
-    result = np.zeros(len(amplitudes))
-    for _ in range(len(amplitudes)):
-        if not free.any():
-            return np.zeros(len(amplitudes)), 0.0
-        block = gram[np.ix_(free, free)]
-        block = block + np.eye(len(block)) * 1e-9 * np.trace(block)
-        result = np.zeros(len(amplitudes))
-        result[free] = np.linalg.solve(block, score[free])
-        wrong = np.array([
-            (p.null is not None)
-            and (((p.low >= p.null) and x * p.typical < 0) or ((p.high <= p.null) and x * p.typical > 0))
-            for p, x in zip(amplitudes, result, strict=True)
-        ])  # fmt: skip
-        if not wrong.any():
-            break
-        free &= ~wrong
-        result[wrong] = 0.0
-    gain = float(result @ score) - 0.5 * float(result @ gram @ result)
-    return result, max(gain, 0.0)
-
-
-def _chance(scores: FloatArray, gram: FloatArray) -> FloatArray:
-    """Log-likelihood that amplitudes gain on draws of noise with these scores."""
-    good = np.diag(gram) > 1e-9
-    if not good.any():
-        return np.zeros(len(scores))
-    scores = scores[:, good]
-    block = gram[np.ix_(good, good)]
-    block = block + np.eye(len(block)) * 1e-9 * np.trace(block)
-    return np.asarray(0.5 * np.einsum("dk,kd->d", scores, np.linalg.solve(block, scores.T)))

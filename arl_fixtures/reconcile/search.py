@@ -18,7 +18,6 @@ from arl_fixtures.reconcile.acceptance import (
     Ranked,
     evidence,
     is_as_good,
-    is_misfit,
     is_repeat,
     is_rounding,
     lacks_essential,
@@ -39,6 +38,7 @@ from arl_fixtures.reconcile.effects_bench import is_zero_fitted
 from arl_fixtures.reconcile.first_round_again import behind_zeros, with_constants_held
 from arl_fixtures.reconcile.fit import Fit, finish, fit, hold_back_edges
 from arl_fixtures.reconcile.grouping import find_groups, typical_gaps
+from arl_fixtures.reconcile.misfit import is_misfit
 from arl_fixtures.reconcile.noise import ordered_like
 from arl_fixtures.reconcile.own_driver import drives_another_part
 from arl_fixtures.reconcile.pilot import Looker, Structure

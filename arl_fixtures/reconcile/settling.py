@@ -6,8 +6,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from arl_fixtures.reconcile.acceptance import PATTERN_ODDS, PRICE, evidence, is_misfit, is_repeat
+from arl_fixtures.reconcile.acceptance import PATTERN_ODDS, PRICE, evidence, is_repeat
 from arl_fixtures.reconcile.fit import Fit, finish, fit
+from arl_fixtures.reconcile.misfit import is_misfit
 from arl_fixtures.reconcile.noise import scale_of
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import Role

@@ -13,9 +13,9 @@ import numpy as np
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.effect import Effect, Kind, State, Variant
 from arl_fixtures.reconcile.followed import condition_of
-from arl_fixtures.reconcile.noise import Whitener
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.terms import Term, default_values
+from arl_fixtures.reconcile.whitener import Whitener
 
 SCATTER_GAIN = 9.0
 LEAST_SHARED = 0.3

@@ -16,7 +16,8 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from arl_fixtures.reconcile.calibrated_units import calibrate_simulation
-from arl_fixtures.reconcile.model_file import corrected_state, read_model, terms_of
+from arl_fixtures.reconcile.model_file import read_model
+from arl_fixtures.reconcile.model_state import corrected_state, terms_of
 from arl_fixtures.reconcile.table import columns_of
 from arl_fixtures.reconcile.view import View
 from arl_fixtures.twin.conditions import Conditions

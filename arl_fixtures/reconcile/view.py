@@ -12,10 +12,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from arl_fixtures.reconcile.columns import Channel, Columns
 from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.image_grid import ImageGrid
 from arl_fixtures.reconcile.roles import Role, unit_of
 
 FloatArray = NDArray[np.float64]
@@ -25,9 +25,6 @@ Of = TypeVar("Of")
 
 _STEP = ("dut", "cycle", "step")
 _PIXEL = ("pixel_u", "pixel_v")
-_DENSE_CELLS = 20_000_000
-_REACH_PX = 3.0
-"""How far from a place a pixel may lie to stand for one that the table does not hold: less than a target's width."""
 
 
 class View:
@@ -194,22 +191,22 @@ class View:
     ) -> FloatArray:
         """Value at the pixel mirrored about (u0, v0), linear between pixel centres; NaN outside the table's image.
 
-        For a pixel that the table does not hold stands the nearest one within `_REACH_PX`. With `flip_u=False` or
+        For a pixel that the table does not hold stands the nearest one that is close by. With `flip_u=False` or
         `flip_v=False` the image is mirrored about one axis only.
         """
-        u, v = self._whole_axis("pixel_u")[self.rows], self._whole_axis("pixel_v")[self.rows]
+        raster = self._raster()
+        u, v = raster.u[self.rows], raster.v[self.rows]
         target_u = 2.0 * u0 - u if flip_u else u
         target_v = 2.0 * v0 - v if flip_v else v
         low_u, low_v = np.floor(target_u), np.floor(target_v)
         part_u, part_v = target_u - low_u, target_v - low_v
-        total = np.zeros(self.n)
-        weight = np.zeros(self.n)
+        total, weight, image = np.zeros(self.n), np.zeros(self.n), self.frame()
         for step_u, share_u in ((0, 1.0 - part_u), (1, part_u)):
             for step_v, share_v in ((0, 1.0 - part_v), (1, part_v)):
                 share = share_u * share_v
                 if not np.any(share > 1e-9):
                     continue
-                value = self.take(state, channel, self._image_place(low_u + step_u, low_v + step_v, near=True))
+                value = self.take(state, channel, raster.rows_at(image, low_u + step_u, low_v + step_v, near=True))
                 good = np.isfinite(value) & (share > 1e-9)
                 total[good] += (share * np.nan_to_num(value))[good]
                 weight[good] += share[good]
@@ -301,75 +298,16 @@ class View:
 
     def _image_shift(self, du: int, dv: int) -> IntArray:
         if (du, dv) not in self._places:
-            u, v = self._whole_axis("pixel_u")[self.rows], self._whole_axis("pixel_v")[self.rows]
-            self._places[du, dv] = self._image_place(u + du, v + dv)
+            raster = self._raster()
+            self._places[du, dv] = raster.rows_at(self.frame(), raster.u[self.rows] + du, raster.v[self.rows] + dv)
         return self._places[du, dv]
 
-    def _whole_axis(self, name: str) -> FloatArray:
-        """Pixel column or row of the whole table; 0 where a line sensor has none."""
-        values = self.columns.numbers.get(name)
-        return np.zeros(self.columns.n) if values is None or not np.isfinite(values).any() else values
-
-    def _image_place(self, u: FloatArray, v: FloatArray, *, near: bool = False) -> IntArray:
-        """Whole-table row of pixel (u, v) in each row's own image; −1 where there is none (`near`: none close by)."""
-        table = self.columns
-        all_u, all_v = self._whole_axis("pixel_u"), self._whole_axis("pixel_v")
-        u_low, v_low = float(np.nanmin(all_u)), float(np.nanmin(all_v))
-        width, height = (int(np.nanmax(_places(x, low))) + 1 for x, low in ((all_u, u_low), (all_v, v_low)))
-        across, down = _places(u, u_low), _places(v, v_low)
-        inside = (across >= 0) & (across < width) & (down >= 0) & (down < height)
-        target = (self.frame() * height + down) * width + across
-        wanted: IntArray = np.where(inside, np.nan_to_num(target, nan=0.0), 0.0).astype(np.int64)
-        cells = (int(table.group(*table.image_columns).max()) + 1) * height * width
-        if cells <= _DENSE_CELLS:
-            grid = self._image_grid(cells, u_low, v_low, width, height)
-            return np.where(inside, (self._filled(grid, width, height) if near else grid)[wanted], -1)
-        order, ranked = self._image_order(u_low, v_low, width, height)
-        place = np.searchsorted(ranked, wanted)
-        place[place == table.n] = 0
-        return np.where((ranked[place] == wanted) & inside, order[place], -1)
-
-    def _filled(self, grid: IntArray, width: int, height: int) -> IntArray:
-        """The grid, its empty cells with the row of the nearest pixel of the same image within `_REACH_PX`."""
-        relations = self.columns._relations
-        if ("image", "filled") not in relations:
-            images = grid.reshape(-1, height, width)
-            filled = images.copy()
-            for image, into in zip(images, filled, strict=True):
-                empty = image < 0
-                if empty.any() and not empty.all():
-                    away, (row, column) = distance_transform_edt(empty, return_indices=True)
-                    close = away <= _REACH_PX
-                    into[close] = image[row[close], column[close]]
-            relations["image", "filled"] = filled.ravel()
-        return relations["image", "filled"]
-
-    def _image_cell(self, u_low: float, v_low: float, width: int, height: int) -> IntArray:
-        """Cell (image, row, column) of every row of the whole table; −1 where the pixel is not known."""
-        table = self.columns
-        u, v = self._whole_axis("pixel_u"), self._whole_axis("pixel_v")
-        cell = (table.group(*table.image_columns) * height + _places(v, v_low)) * width + _places(u, u_low)
-        return np.nan_to_num(cell, nan=-1.0).astype(np.int64)
-
-    def _image_grid(self, cells: int, u_low: float, v_low: float, width: int, height: int) -> IntArray:
-        """Row of every cell, −1 where it is empty."""
-        relations = self.columns._relations
-        if ("image", "grid") not in relations:
-            cell = self._image_cell(u_low, v_low, width, height)
-            grid = np.full(cells, -1, dtype=np.int64)
-            grid[cell[cell >= 0]] = np.flatnonzero(cell >= 0)
-            relations[("image", "grid")] = grid
-        return relations[("image", "grid")]
-
-    def _image_order(self, u_low: float, v_low: float, width: int, height: int) -> tuple[IntArray, IntArray]:
-        """Rows sorted by cell, and their cells: for images too sparse for a grid."""
-        relations = self.columns._relations
-        if ("image", "order") not in relations:
-            cell = self._image_cell(u_low, v_low, width, height)
-            order = np.argsort(cell, kind="stable")
-            relations[("image", "order")] = order
-            relations[("image", "ranked")] = cell[order]
-        return relations[("image", "order")], relations[("image", "ranked")]
+    def _raster(self) -> ImageGrid:
+        memo = self.columns.memo
+        if "image grid" not in memo:
+            memo["image grid"] = ImageGrid(self.columns)
+        found: ImageGrid = memo["image grid"]
+        return found
 
     def _local_index(self) -> IntArray:
         if self._local is None:
@@ -377,11 +315,6 @@ class View:
             local[self.rows] = np.arange(self.n)
             self._local = local
         return self._local
-
-
-def _places(values: FloatArray, low: float) -> FloatArray:
-    """Whole pixels above the lowest: regions may lie half a pixel, or any part, off the raster."""
-    return np.asarray(np.floor(values - low + 1e-6))
 
 
 def _varies(values: FloatArray) -> bool:

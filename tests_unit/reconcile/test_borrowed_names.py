@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 
 from arl_fixtures.reconcile.catalogue import library
-from arl_fixtures.reconcile.model_file import corrected_state, terms_of
+from arl_fixtures.reconcile.model_state import corrected_state, terms_of
 from arl_fixtures.reconcile.pixel_calibration import zero_fitted
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.screen import screen

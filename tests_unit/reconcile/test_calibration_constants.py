@@ -5,7 +5,7 @@ import pyarrow as pa
 import pytest
 
 from arl_fixtures.reconcile.constants import constants_of, fitted_share, reach_of
-from arl_fixtures.reconcile.findings import mean_square
+from arl_fixtures.reconcile.held_out import mean_square
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of

@@ -7,10 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from arl_fixtures.reconcile.noise import GAUGE_FREEDOM, Level, Whitener, fit_tau, surprise
+from arl_fixtures.reconcile.noise import GAUGE_FREEDOM, Level, fit_tau, surprise
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
+from arl_fixtures.reconcile.whitener import Whitener
 
 
 def levels(rng: np.random.Generator, steps: int, frames: int, rows: int) -> tuple[np.ndarray, tuple[Level, ...]]:

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pyarrow as pa
 
-from arl_fixtures.reconcile.acceptance import is_misfit
 from arl_fixtures.reconcile.catalogue import library
+from arl_fixtures.reconcile.misfit import is_misfit
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.search import Search
 from arl_fixtures.reconcile.table import columns_of

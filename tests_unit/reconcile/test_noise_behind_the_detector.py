@@ -5,7 +5,8 @@ import pyarrow as pa
 import pytest
 
 from arl_fixtures.reconcile.catalogue import library
-from arl_fixtures.reconcile.model_file import corrected_state, model_of, terms_of
+from arl_fixtures.reconcile.model_file import model_of
+from arl_fixtures.reconcile.model_state import corrected_state, terms_of
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.side_scatter import Side
 from arl_fixtures.reconcile.table import columns_of

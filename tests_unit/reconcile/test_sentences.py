@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from arl_fixtures.reconcile.catalogue import library
-from arl_fixtures.reconcile.findings import _separating, tidy
+from arl_fixtures.reconcile.finding_words import separating, tidy
 from arl_fixtures.reconcile.page_words import breakable, readable
 from arl_fixtures.reconcile.progress_bar import TimeLeft
 from arl_fixtures.reconcile.table import columns_of
@@ -59,9 +59,9 @@ def test_no_sentence_of_the_library_needs_an_excuse(make_table):
 
 
 def test_a_class_asks_for_the_measurement_of_each_of_its_effects():
-    text = _separating("Use a filter.", {"a.b": "Heat it.", "c.d": "Use a filter."})
+    text = separating("Use a filter.", {"a.b": "Heat it.", "c.d": "Use a filter."})
     assert text == "Use a filter. To check for a.b: Heat it."
-    assert _separating("Use a filter.", {}) == "Use a filter."
+    assert separating("Use a filter.", {}) == "Use a filter."
 
 
 def test_large_numbers_and_long_names_can_be_read():

@@ -7,8 +7,8 @@ from upright_boards import BOARDS, COLUMNS, F_PX, ROWS, seen
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.derived_rays import derive_rays
-from arl_fixtures.reconcile.model_file import terms_of
-from arl_fixtures.reconcile.page import _rays
+from arl_fixtures.reconcile.model_state import terms_of
+from arl_fixtures.reconcile.page_parts import rays_of
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
 from arl_fixtures.reconcile.view import View
@@ -49,7 +49,7 @@ def test_a_sweep_tells_the_camera():
     columns = columns_of(pa.table(table(1)))
     assert derive_rays(columns)
     assert columns.lens["fx"] == pytest.approx(F_PX, rel=0.02)
-    assert "1.43°" in _rays(columns)[0][1]  # what the page says of it
+    assert "1.43°" in rays_of(columns)[0][1]  # what the page says of it
     x = columns.numbers["pixel_u"] - (COLUMNS - 1) / 2
     np.testing.assert_allclose(columns.derived["azimuth_deg"], np.degrees(np.arctan(x / F_PX)), atol=0.25)
 

@@ -6,7 +6,7 @@ import pytest
 from arl_fixtures.reconcile.calibrated_units import calibrate_simulation
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.columns import Columns, find_channels
-from arl_fixtures.reconcile.model_file import corrected_state, terms_of
+from arl_fixtures.reconcile.model_state import corrected_state, terms_of
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.search import Search
 from arl_fixtures.reconcile.view import View
