@@ -35,8 +35,8 @@ class ColumnPattern(Effect):
     A wave is taken less its mean over the columns that the table holds: on a few columns strewn over the image a wave
     may be (nearly) the same on all of them, and that is no pattern but the level.
     Period 2 is odd against even (one part only). Of four, six, eight or sixteen interleaved converters each has an
-    offset (or gain) of its own against the first: X += tap_k, or X *= 1 + tap_k, at pixels k modulo their number;
-    their mean is nil.
+    offset (or gain, or both) of its own against the first: X += tap_k, or X *= 1 + tap_k (beside offsets gain_k), at
+    pixels k modulo their number; their mean is nil.
     Where the table holds pixels of some of them only, the mean of these need not be, as far as their spread allows.
     """
 
@@ -61,7 +61,7 @@ class ColumnPattern(Effect):
                     for count in (n for n in _CONVERTERS if span(view, axis) >= 2 * n - 1):
                         if len(_converters_seen(view, axis, count)) < 2:
                             continue
-                        for kind in ("taps", "gains") if channel in signals(view) else ("taps",):
+                        for kind in ("taps", "gains", "both") if channel in signals(view) else ("taps",):
                             yield self._taps(view, channel, axis, kind, count)
 
     def _variant(self, view: View, channel: str, axis: str, kind: str, column: str) -> Variant:
@@ -106,7 +106,8 @@ class ColumnPattern(Effect):
     def _taps(self, view: View, channel: str, axis: str, kind: str, count: int) -> Variant:
         unit = unit_of(channel)
         size = (0.01 * top_signal(view, channel)) if channel in signals(view) else (0.002 * per_metre(unit))
-        unit, size = (unit, size) if kind == "taps" else ("1", 0.01)
+        parts = {"taps": (("tap", unit, size),), "gains": (("tap", "1", 0.01),)}
+        told = _converters_told(view, axis, count)
         return Variant(
             effect=self.id,
             options={
@@ -119,10 +120,10 @@ class ColumnPattern(Effect):
                 "reference": 0.0,
             },
             parameters=tuple(
-                amplitude(f"tap_{k}", unit, -50.0 * size, 50.0 * size, size)
-                for k in _converters_told(view, axis, count)
+                amplitude(f"{name}_{k}", of, -50.0 * typical, 50.0 * typical, typical)
+                for name, of, typical in parts.get(kind, (("tap", unit, size), ("gain", "1", 0.01))) for k in told
             ),
-            channels=with_scatter(view, channel) if kind == "gains" else (channel,),
+            channels=(channel,) if kind == "taps" else with_scatter(view, channel),
             drivers=(axis,),
         )
 
@@ -131,14 +132,15 @@ class ColumnPattern(Effect):
         channel, column = str(variant.options["channel"]), str(variant.options["temperature"])
         axis = str(variant.options["axis"])
         place, at = per_view(view, ("places along", axis), lambda: _places(view, axis))
-        if variant.options["kind"] in {"taps", "gains"}:
-            taps = _taps_of(variant, values)
-            own = taps[np.rint(place).astype(np.int64) % taps.size][at]
-            if variant.options["kind"] == "taps":
-                state[channel] = state[channel] + own
-            else:
-                factor = np.maximum(1.0 + own, 0.02)
-                set_response(state, channel, state[channel] * factor, factor)
+        if "converters" in variant.options:
+            for name in _kinds_of(variant):
+                taps = _taps_of(variant, values, name)
+                own = taps[np.rint(place).astype(np.int64) % taps.size][at]
+                if _is_gain(variant, name):
+                    factor = np.maximum(1.0 + own, 0.02)
+                    set_response(state, channel, state[channel] * factor, factor)
+                else:
+                    state[channel] = state[channel] + own
             return
         held = np.array(json.loads(str(variant.options["over"])))
         if variant.options["kind"] == "periodic" and _looks_level(float(values["period"]), held):
@@ -163,13 +165,14 @@ class ColumnPattern(Effect):
         column = variant.options["temperature"]
         grown = f" * ({column} - {variant.options['reference']})" if column else ""
         names = [parameter.name for parameter in variant.parameters]
-        if variant.options["kind"] in {"taps", "gains"}:
-            law = f"{channel} +=" if variant.options["kind"] == "taps" else f"{channel} *= 1 +"
+        if "converters" in variant.options:
+            laws = {False: f"{channel} +=", True: f"{channel} *= 1 +"}
+            law = "; ".join(f"{laws[_is_gain(variant, name)]} {name}_k" for name in _kinds_of(variant))
             count = variant.options["converters"]
             of_all = "0 where there is none, less their mean"
             if not _are_all_seen(variant):
                 of_all = f"of those that are seen, their mean as far as {_FREE_MEAN:g} standard errors of it"
-            return f"{law} tap_k, k = {axis} modulo {count}, {of_all}"
+            return f"{law}, k = {axis} modulo {count}, {of_all}"
         waves = {"cosine": f"cos(2 pi {axis} / period)", "sine": f"sin(2 pi {axis} / period)"}
         if variant.options["kind"] == "parity":
             waves = {"cosine": f"(-1)^{axis}"}
@@ -182,16 +185,17 @@ class ColumnPattern(Effect):
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Amplitude and period."""
         channel, column = str(variant.options["channel"]), str(variant.options["temperature"])
-        if variant.options["kind"] in {"taps", "gains"}:
-            taps = _taps_of(variant, values)
-            seen = [float(x) for name, x in values.items() if name.startswith("tap_")]
-            seen += [0.0] if _are_all_seen(variant) else []
-            apart = max(seen) - min(seen)
-            size_of = (
-                f"{apart:.3g} {unit_of(channel)}" if variant.options["kind"] == "taps" else f"{100 * apart:.3g} %"
-            )
+        if "converters" in variant.options:
+            sizes = []
+            for name in _kinds_of(variant):
+                seen = [float(x) for key, x in values.items() if key.startswith(f"{name}_")]
+                seen += [0.0] if _are_all_seen(variant) else []
+                apart = max(seen) - min(seen)
+                is_gain = _is_gain(variant, name)
+                sizes.append(f"{100 * apart:.3g} %" if is_gain else f"{apart:.3g} {unit_of(channel)}")
+            size_of, count = " and ".join(sizes), variant.options["converters"]
             side = "Columns" if variant.options["axis"] == "pixel_u" else "Rows"
-            return f"{side} read by {len(taps)} converters in turn differ: {channel} by up to {size_of}."
+            return f"{side} read by {count} converters in turn differ: {channel} by up to {size_of}."
         scale = span(view, column) if column else 1.0
         size = float(np.hypot(values["cosine"], values.get("sine", 0.0))) * scale
         gain = float(np.hypot(values.get("gain_cosine", 0.0), values.get("gain_sine", 0.0))) * scale
@@ -272,9 +276,18 @@ def _converters_told(view: View, axis: str, count: int) -> list[int]:
     return seen[1:] if len(seen) == count else seen
 
 
-def _taps_of(variant: Variant, values: Values) -> FloatArray:
+def _kinds_of(variant: Variant) -> tuple[str, ...]:
+    """Names of what converters have of their own, gains first: what is added is added behind them."""
+    return ("gain", "tap") if variant.options["kind"] == "both" else ("tap",)
+
+
+def _is_gain(variant: Variant, name: str) -> bool:
+    return name == "gain" or variant.options["kind"] == "gains"
+
+
+def _taps_of(variant: Variant, values: Values, name: str) -> FloatArray:
     """What each converter adds; where all are seen, less the mean of all: that is the level's."""
-    own = {int(name.removeprefix("tap_")): float(x) for name, x in values.items() if name.startswith("tap_")}
+    own = {int(key.removeprefix(f"{name}_")): float(x) for key, x in values.items() if key.startswith(f"{name}_")}
     taps = np.zeros(int(str(variant.options["converters"])))
     taps[list(own)] = list(own.values())
     if _are_all_seen(variant):
