@@ -9,6 +9,7 @@ import numpy as np
 from arl_fixtures.reconcile.effect import Effect
 from arl_fixtures.reconcile.patterns import Pattern, find_patterns
 from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.terms import Term, forward
 
 LOST = 0.3
@@ -34,6 +35,18 @@ def leave_out_dead(problem: Problem, effects: Sequence[Effect]) -> bool:
             d.dark = lost
             d.rebuild(d.tau)
     return any(len(d.dark) for d in problem.data)
+
+
+def leave_out_their_scatter(problem: Problem, patterns: Sequence[Pattern]) -> None:
+    """Leave out what dead pixels scatter, be it nothing or a dark reading's noise: it has no cause of its own."""
+    base = problem.view.fresh_state()
+    for term in (p.term for p in patterns if p.term.effect.sparse):
+        dead = forward([term], problem.view)
+        for d in problem.data:
+            parent = d.channel.parent
+            if d.channel.role is Role.SCATTER and parent in dead and dead[parent] is not base[parent]:
+                d.dark = (np.abs(dead[parent] - base[parent]) > LOST * np.abs(base[parent]))[d.use]
+                d.rebuild(d.tau)
 
 
 def bring_back(problem: Problem) -> None:

@@ -15,7 +15,7 @@ from arl_fixtures.reconcile.calibration_findings import constant_finding, line_f
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.consequences import is_back_action, is_within_noise_law, read_alike, without_back_actions
 from arl_fixtures.reconcile.cross_fit import cross_fitted
-from arl_fixtures.reconcile.dead import bring_back, dead_first
+from arl_fixtures.reconcile.dead import bring_back, dead_first, leave_out_their_scatter
 from arl_fixtures.reconcile.diagnosis import ChannelFit, Finding
 from arl_fixtures.reconcile.effect import Effect, State
 from arl_fixtures.reconcile.findings import law_finding, named_finding, ordered, pattern_finding, scatter_finding
@@ -143,6 +143,7 @@ class Decision:
             if shares or not has_other_place(self.found.looker, self.best.terms, pattern):
                 self.patterns.append(pattern)
         if self.patterns:
+            leave_out_their_scatter(self.problem, self.patterns)
             self._look()
             pictures = pictures_beside(self.best.terms, self.patterns)
             best = self.search.prune(self.best, self.found.screening, certain=pictures) if pictures else self.best

@@ -105,3 +105,14 @@ def test_dead_pixels_are_gains_of_minus_one_only_where_the_living_ones_differ_to
     found = sorted(find_patterns(problem, effects, ()), key=lambda p: p.term.effect.sparse)
     assert [p.term.effect.sparse for p in found] == [False, True]
     assert dead_first(problem, effects, (), found)[0].term.effect.sparse is sparse
+
+
+def test_what_dead_pixels_scatter_has_no_cause_of_its_own(tmp_path, make_table, save, knows_only):
+    knows_only(*RIVALS)
+    table, rng = make_table(84, None, steps=12), np.random.default_rng(2)
+    dead = np.isin(pixels_of(table), [2, 9])
+    name = "intensity_counts"
+    spread = table[f"sim_{name}_std"] * np.sqrt(rng.chisquare(9, dead.size) / 9.0)
+    table[name], table[f"{name}_std"] = np.where(dead, 0.0, table[name]), np.where(dead, 0.0, spread)
+    (found,) = diagnose(load_table(save(tmp_path / "table.parquet", table)))[0].findings
+    assert found.effect == "detector.dead_pixels"
