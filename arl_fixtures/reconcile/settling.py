@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import combinations
 from typing import TYPE_CHECKING
 
-from arl_fixtures.reconcile.acceptance import PATTERN_ODDS, PRICE, evidence, is_repeat
+from arl_fixtures.reconcile.acceptance import PATTERN_ODDS, PRICE, TWIN_GAIN, evidence, is_repeat
 from arl_fixtures.reconcile.fit import Fit, finish, fit
 from arl_fixtures.reconcile.misfit import is_misfit
 from arl_fixtures.reconcile.noise import scale_of
@@ -19,8 +20,8 @@ if TYPE_CHECKING:
     from arl_fixtures.reconcile.search import Search, Stage
 
 SHORTLIST, PER_EFFECT = 16, 2
-OPTIONS = 6
-"""Candidates that are tried in the place of an effect."""
+OPTIONS, MOST_WIDE = 6, 12
+"""Candidates that are tried in the place of an effect, and variants that may depend on all that drives two."""
 
 
 def settle(search: Search, chosen: Fit, stage: Stage) -> Fit:
@@ -35,7 +36,36 @@ def settle(search: Search, chosen: Fit, stage: Stage) -> Fit:
         if needed < PATTERN_ODDS * stage.threshold:
             return settle(search, without, stage) if len(rest) > 1 else without
         best = _swapped(search, best, rest, best.terms[index].label, stage)
+    return _as_one(search, best, stage)
+
+
+def _as_one(search: Search, best: Fit, stage: Stage) -> Fit:
+    """The fit with one effect in the place of two, where one that depends on all that drives them says as much."""
+    problem = search.full
+    for one, other in combinations(best.terms, 2):
+        if one.unit != other.unit or not set(one.variant.channels) & set(other.variant.channels):
+            continue
+        driven = {*one.variant.drivers, *other.variant.drivers}
+        wide = [(e, v) for e, v in search.variants if driven <= set(v.drivers)]
+        if not 0 < len(wide) <= MOST_WIDE:  # drivers that many share tell nothing of one cause
+            continue
+        rest = tuple(t for t in best.terms if t is not one and t is not other)
+        with following((problem, search.small), rest):
+            without, needed = _worth(problem, best, rest)
+            alone = [c for c in screen(search.small, wide, rest).candidates if not c.term.unit]
+            ranked = search.rank(without, alone[:OPTIONS])
+        sure = [r for r in ranked if evidence(r, search.surcharge) > stage.threshold and r.gain > needed - TWIN_GAIN]
+        if sure:
+            return finish(problem, fit(problem, sure[0].fit.terms, rounds=2))
     return best
+
+
+def _worth(problem: Problem, best: Fit, rest: tuple[Term, ...]) -> tuple[Fit, float]:
+    """The fit of the `rest` alone, and what the others of a fit's terms gain beside it, less their price."""
+    without = finish(problem, fit(problem, rest, rounds=4))
+    present = finish(problem, fit(problem, best.terms, rounds=2))
+    price = PRICE * (len(best.keys) - len(without.keys))
+    return without, present.log_likelihood - without.log_likelihood - price
 
 
 def _swapped(search: Search, best: Fit, rest: tuple[Term, ...], label: str, stage: Stage) -> Fit:
@@ -46,9 +76,7 @@ def _swapped(search: Search, best: Fit, rest: tuple[Term, ...], label: str, stag
     """
     problem = search.full
     with following((problem, search.small), rest):
-        without = finish(problem, fit(problem, rest, rounds=4))
-        present = finish(problem, fit(problem, best.terms, rounds=2))
-        needed = present.log_likelihood - without.log_likelihood - PRICE * (len(best.keys) - len(without.keys))
+        without, needed = _worth(problem, best, rest)
         again = screen(search.small, search.variants, rest)
         others = [c for c in again.candidates if not is_repeat(without, c)]
         ranked = search.rank(without, shortlist(others)[:OPTIONS])

@@ -35,6 +35,9 @@ USUAL_REACH = 0.6
 
 _OFFSET, _CAVITIES = shape("offset", "half-widths", -1.5, 1.5, 0.0, -0.6), shape("cavities", "1", 0.7, 5.0, 2.0)
 
+_MOST_DRIFT = 2e-2
+"""A line drifts by some 3e-4 of its length a kelvin. Rays that meet the filter k times less steeply than the field
+tilt it k² times less, beside which it drifts by so much more."""
 
 class FilterShift(LightFactor):
     """I *= T(y) / T(offset), T(y) = 1 / (1 + y^(2·cavities)), y = offset + tilt·(s(θ) + line_drift·ΔT).
@@ -81,7 +84,7 @@ class FilterShift(LightFactor):
                 elif field_rays(view):
                     parameters.append(amplitude("tilt", "half-widths", 0.0, 8.0 / reach, 0.3 / reach))
                 if column and field_rays(view) and not simulated:
-                    parameters.append(shape("line_drift", "1/K", -6e-4, 6e-4, 2.7e-4, 2e-5))
+                    parameters.append(shape("line_drift", "1/K", -_MOST_DRIFT, _MOST_DRIFT, 2.7e-4, 2e-5))
                 elif column and not simulated:
                     parameters.append(self._drift(view, column))
                 parameters += [
@@ -108,7 +111,7 @@ class FilterShift(LightFactor):
         """The same where no rays are known: with the angle alone, and with a temperature."""
         for channel in signals(view):
             for column in ("", *columns):
-                drift = (shape("line_drift", "1/K", -6e-4, 6e-4, 2.7e-4, 2e-5),) if column else ()
+                drift = (shape("line_drift", "1/K", -_MOST_DRIFT, _MOST_DRIFT, 2.7e-4, 2e-5),) if column else ()
                 yield Variant(
                     effect=self.id,
                     options={
