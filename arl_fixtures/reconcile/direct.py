@@ -31,7 +31,7 @@ HOPELESS, HOPELESS_SHARE = 25.0, 0.02
 as the first few rays may cross wrongly under a displacement of whole pixels."""
 NOISE, WRONG = 0.45, 3.0
 """Mean of the loss of a unit variable, and how much more of it tells that all is wrong."""
-HALVINGS = 5
+HALVINGS, CROSSINGS = 5, 7
 FIRST_STEP, LAST_STEP = 0.35, 0.002
 """Steps of the refinement, as shares of the amplitude."""
 MOST_TRIALS = 60
@@ -129,15 +129,21 @@ def outwards(
 
 def _along(trial: Callable[[float], Trial], units: int, ratio: float, hopeless: float) -> Iterator[Trial]:
     best, at = np.zeros(units + 1), np.zeros(units + 1)
-    size, step = FIRST_SIZE, RATIO
+    size, step, unseen = FIRST_SIZE, RATIO, 0.0
     while size <= LAST_SIZE:
         found = trial(size)
         yield found
-        if step > ratio and float(found[1] @ found[1]) > SEEN:
+        seen = float(found[1] @ found[1]) > SEEN
+        if step > ratio and seen:
             size, step = size * ratio / step, ratio  # back to where it was not seen yet
             continue
         gains = found[2]
         at, best = np.where(gains > best, size, at), np.maximum(gains, best)
+        if seen and step < RATIO and unseen > 0.0:
+            for least, crossed in _first_crossings(trial, unseen, size):  # several rays may have crossed at once
+                yield crossed
+                at, best = np.where(crossed[2] > best, least, at), np.maximum(crossed[2], best)
+        unseen = 0.0 if seen else size
         if np.all(gains < best - hopeless):
             break
         size *= step
@@ -154,6 +160,18 @@ def _along(trial: Callable[[float], Trial], units: int, ratio: float, hopeless: 
                 good, best[first] = middle, found[2][first]
             else:
                 bad = middle
+
+
+def _first_crossings(trial: Callable[[float], Trial], unseen: float, seen: float) -> Iterator[tuple[float, Trial]]:
+    """Sizes, halved towards the least that changes anything visible, and their trials."""
+    for _ in range(CROSSINGS):
+        middle = float(np.sqrt(unseen * seen))
+        found = trial(middle)
+        yield middle, found
+        if float(found[1] @ found[1]) > SEEN:
+            seen = middle
+        else:
+            unseen = middle
 
 
 def _beyond(p: Parameter, x: float) -> bool:

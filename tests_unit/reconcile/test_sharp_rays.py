@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from traced_bench import seen_as_measured, table
+from traced_bench import seen_as_measured, table, trace
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.direct import loss, refine
@@ -117,3 +117,26 @@ def test_refinement_climbs_a_staircase():
 def test_one_wrong_crossing_does_not_outweigh_twenty_right_ones():
     assert loss(np.array([100.0]))[0] < np.sum(loss(np.full(20, 3.0)))
     assert loss(np.array([0.1]))[0] == pytest.approx(0.005, rel=0.01)
+
+
+def first_crossing(seed):
+    """Least turn of a stage, degrees, that any ray shows; by the rays traced here."""
+    columns = table(seed=seed, angles=41, pixels=16, noise=False)
+    where = [columns.numbers[n] for n in ("pixel_u", "pixel_v", "stage_angle_deg")]
+    still, _ = trace(*where, 0.10)
+    unseen, seen = 0.0, 0.5
+    for _ in range(14):
+        middle = 0.5 * (unseen + seen)
+        light, _ = trace(where[0], where[1], where[2] + middle, 0.10)
+        crossed = bool(np.any(np.abs(light / still - 1.0) > 0.02))
+        unseen, seen = (unseen, middle) if crossed else (middle, seen)
+    return seen
+
+
+@pytest.mark.parametrize("seed", [33, 37])  # pixels whose edges are no closer to a ray than some millidegrees
+def test_a_zero_is_found_by_the_first_ray_that_crosses_though_more_cross_soon_after(seed):
+    turn = first_crossing(seed)
+    _, found = candidates(table(seed=seed, angles=41, pixels=16, turn_deg=turn), "stage.zero_offset")
+    best = found.candidates[0].term
+    assert best.variant.options["kind"] == "constant"
+    assert best.values["zero"] == pytest.approx(turn, rel=0.02)
