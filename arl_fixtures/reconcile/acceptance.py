@@ -73,6 +73,11 @@ def evidence(ranked: Ranked, surcharge: Surcharge) -> float:
     return sure - surcharge.of(ranked.fit.terms[-1])
 
 
+def worth(fit: Fit, without: Fit) -> float:
+    """What a fit gains over another that lacks some of its terms, less the price of their parameters."""
+    return fit.log_likelihood - without.log_likelihood - PRICE * (len(fit.keys) - len(without.keys))
+
+
 def is_as_good(ranked: Ranked, best: Ranked) -> bool:
     """Whether a candidate explains as much as the best one: of two that move edges, to what edges can tell.
 

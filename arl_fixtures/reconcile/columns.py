@@ -136,12 +136,17 @@ class Columns:
                 and (int(self.group("dut", "cycle", "step").max()) == int(self.group(*IMAGE_COLUMNS).max()) > 0)
             )
             sweeps = ("dut", "cycle", "ramp") if one else ("dut", "cycle", "step")
-            places = (*sweeps, *self.ray_columns, "stage_angle_deg")
-            once, each = (1 + int(self.group(*places, *more).max()) for more in ((), ("surface",)))
-            by_target = once < (1.0 - REPEATED) * self.n <= each
-            self.memo["sweep columns"] = (*sweeps, "surface") if by_target else sweeps
+            self.memo["sweep columns"] = (*sweeps, "surface") if self._swept_by_target(sweeps) else sweeps
         found: tuple[str, ...] = self.memo["sweep columns"]
         return found
+
+    def _swept_by_target(self, sweeps: tuple[str, ...]) -> bool:
+        if "stage_angle_deg" not in self.numbers or not {"surface"} & {*self.numbers, *self.categories}:
+            return False
+        places = (*sweeps, *self.ray_columns, "stage_angle_deg")
+        least = (1.0 - REPEATED) * self.n
+        once = 1 + int(self.group(*places).max())
+        return once < least <= 1 + int(self.group(*places, "surface").max())
 
     @property
     def ray_columns(self) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ And names of two readings that are one temperature's.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -57,20 +58,19 @@ def read_alike(terms: Sequence[Term], view: View) -> list[Term]:
     Constants are left out: each thermometer may have been fitted.
     """
     own = [t for t in terms if t.effect.of_reading and len(t.variant.channels) == 1]
-    state = forward(terms, view)
-    change = {}
+    if len(own) < 2:
+        return []
+    state, change = forward(terms, view), []
     for term in own:
         name = term.variant.channels[0]
         moved = state[name] - forward([t for t in terms if t is not term], view)[name]
-        change[id(term)] = moved - np.nanmean(moved)
-    return [
-        a for a in own
-        if any(
-            a.variant.channels != b.variant.channels and a.unit == b.unit
-            and 0.0 < _size(change[id(a)] - change[id(b)]) < ALIKE * max(_size(change[id(a)]), _size(change[id(b)]))
-            for b in own
-        )
-    ]  # fmt: skip
+        change.append(moved - np.nanmean(moved))
+    alike: list[Term] = []
+    for (a, by_a), (b, by_b) in combinations(zip(own, change, strict=True), 2):
+        apart = _size(by_a - by_b)
+        if a.variant.channels != b.variant.channels and a.unit == b.unit:
+            alike += [a, b] if 0.0 < apart < ALIKE * max(_size(by_a), _size(by_b)) else []
+    return alike
 
 
 def _given_back(plate: str, terms: Sequence[Term], view: View) -> float:

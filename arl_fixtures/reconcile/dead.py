@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
+from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import Effect
 from arl_fixtures.reconcile.patterns import Pattern, find_patterns
 from arl_fixtures.reconcile.problem import Problem
@@ -30,7 +32,7 @@ def leave_out_dead(problem: Problem, effects: Sequence[Effect]) -> bool:
         name = d.channel.name
         if dead[name] is base[name]:
             continue
-        lost = (np.abs(dead[name] - base[name]) > LOST * np.abs(base[name]))[d.use]
+        lost = _lost(base[name], dead[name])[d.use]
         if 0.0 < float(np.mean(lost)) < MOST_LOST:
             d.dark = lost
             d.rebuild(d.tau)
@@ -45,8 +47,12 @@ def leave_out_their_scatter(problem: Problem, patterns: Sequence[Pattern]) -> No
         for d in problem.data:
             parent = d.channel.parent
             if d.channel.role is Role.SCATTER and parent in dead and dead[parent] is not base[parent]:
-                d.dark = (np.abs(dead[parent] - base[parent]) > LOST * np.abs(base[parent]))[d.use]
+                d.dark = _lost(base[parent], dead[parent])[d.use]
                 d.rebuild(d.tau)
+
+
+def _lost(alive: FloatArray, dead: FloatArray) -> NDArray[np.bool_]:
+    return np.abs(dead - alive) > LOST * np.abs(alive)
 
 
 def bring_back(problem: Problem) -> None:

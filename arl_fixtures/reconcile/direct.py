@@ -32,6 +32,7 @@ as the first few rays may cross wrongly under a displacement of whole pixels."""
 NOISE, WRONG = 0.45, 3.0
 """Mean of the loss of a unit variable, and how much more of it tells that all is wrong."""
 HALVINGS, CROSSINGS = 5, 7
+"""Times that the way to a direction's best is halved, and that to the first ray that crosses."""
 FIRST_STEP, LAST_STEP = 0.35, 0.002
 """Steps of the refinement, as shares of the amplitude."""
 MOST_TRIALS = 60

@@ -76,7 +76,10 @@ def has_rays(view: View) -> bool:
 
 
 def turns_round(view: View) -> bool:
-    """Whether rays look all around: a head turns by their azimuths, and these are no angles in a field of view."""
+    """Whether rays look all around, a scanner's beams, numbered as pixels or not.
+
+    A head turns by their azimuths, and these are no angles in a field of view.
+    """
     return view.varies("azimuth_deg") and float(np.subtract(*view.span("azimuth_deg")[::-1])) > HALF_TURN_DEG
 
 

@@ -10,9 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.effects_bench import Bench, bench_of
-from arl_fixtures.reconcile.effects_common import FloatArray, distances, per_table, set_light
+from arl_fixtures.reconcile.effects_common import FloatArray, per_table
 from arl_fixtures.reconcile.effects_rays import look
 from arl_fixtures.reconcile.view import View
 from arl_fixtures.twin.scene import SceneSettings
@@ -39,31 +38,26 @@ def unnamed_panels(view: View) -> tuple[str, ...]:
     return per_table(view, "unnamed panels", find)
 
 
-def brighten(view: View, state: State, channel: str, panel: str, error: float) -> None:
-    """Multiply what a surface adds to a signal by 1 + `error`; ranges go nearer to a brighter one's.
+def panel_shares(view: View, panel: str) -> tuple[FloatArray, FloatArray]:
+    """A surface's share of each row's light, and of its light times range; nil where the bench is not known.
 
     Args:
-        view: of a table whose bench is known.
-        state: its signal and distances are replaced.
-        channel: signal; panel: one of `unnamed_panels`.
+        view: rows under work; panel: one of `unnamed_panels`.
     """
     bench = bench_of(view)
     if bench is None:
-        return
+        return np.zeros(view.n), np.zeros(view.n)
     spot = bench.index[view.rows]
-    light, moment = (share[spot] for share in _shares(view, bench, panel))
-    set_light(view, state, channel, state[channel] * (1.0 + error * light))
-    for name in distances(view):
-        state[name] = state[name] * (1.0 + error * moment) / (1.0 + error * light)
+    light, moment = _shares(view, bench, panel)
+    return light[spot], moment[spot]
 
 
 def _shares(view: View, bench: Bench, name: str) -> tuple[FloatArray, FloatArray]:
     """A surface's share of each spot's light and of its light times range."""
 
     def make() -> tuple[FloatArray, FloatArray]:
-        scene = bench.optics.scene
-        now = look(bench.optics, bench.spots)
-        then = look(replace(bench.optics, scene=_brighter(scene, name)), bench.spots)
+        now = per_table(view, "bench as it is", lambda: look(bench.optics, bench.spots))
+        then = look(replace(bench.optics, scene=_brighter(bench.optics.scene, name)), bench.spots)
         light, moment = ((b / np.maximum(a, 1e-300) - 1.0) / _BRIGHTER for a, b in zip(now, then, strict=True))
         return np.clip(light, 0.0, 1.0), np.clip(moment, 0.0, 1.0)
 

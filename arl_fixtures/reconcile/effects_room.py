@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, signals
-from arl_fixtures.reconcile.effects_illumination import illumination, ray_column
+from arl_fixtures.reconcile.effects_illumination import illumination, ray_column, turns_round
 from arl_fixtures.reconcile.effects_planes import directions
-from arl_fixtures.reconcile.roles import HALF_TURN_DEG
 from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]
@@ -111,7 +110,7 @@ def _make(view: View, sign: float) -> Room | None:
     table = view.columns
     if not (view.varies("azimuth_deg") and view.varies("elevation_deg") and distances(view)):
         return None
-    if (view.varies("pixel_u") or view.varies("pixel_v")) and not _looks_around(view):
+    if (view.varies("pixel_u") or view.varies("pixel_v")) and not turns_round(view):
         return None
     everywhere = directions(view, sign)  # a stage turns rays to where others looked before
     seen = np.column_stack([table.group("dut"), np.rint(everywhere / _SAME_RAY)])
@@ -157,11 +156,6 @@ def _sent_back(view: View, signal: str, rows: IntArray, slope: FloatArray, direc
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(light * np.linalg.norm(slope, axis=1) / inverse**3)
 
-
-def _looks_around(view: View) -> bool:
-    """Whether rays go in more directions than a camera's field has: a scanner's beams, numbered as pixels or not."""
-    low, high = view.span("azimuth_deg")
-    return high - low > HALF_TURN_DEG
 
 
 def _edges(slope: FloatArray, direction: FloatArray, near: IntArray) -> tuple[IntArray, FloatArray]:

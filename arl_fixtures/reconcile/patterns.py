@@ -196,12 +196,11 @@ def shared_part(data: ChannelData, residual: FloatArray) -> FloatArray:
 
     Steps before their images: of a step's mean each image would keep another share, and images would seem to differ.
     """
-    total = np.zeros(len(residual))
-    if data.calibrated:
-        total = data.scale * data.constants(residual)[data.unit]
-    weight = data.root_weight**2
+    total, weight = np.zeros(len(residual)), data.root_weight**2
     if data.calibrated and data.second is not None:
         total = residual - less_constants(residual, data.scale, weight, data.unit, second=data.second)
+    elif data.calibrated:
+        total = data.scale * data.constants(residual)[data.unit]
     for name in ("step", "frame"):
         for level in (level for level in data.levels if level.name == name):
             tau = data.tau.get(level.name, 0.0)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from arl_fixtures.reconcile.acceptance import PRICE, Ranked, acts_alone
+from arl_fixtures.reconcile.acceptance import PRICE, Ranked, acts_alone, worth
 from arl_fixtures.reconcile.fit import Fit, finish, fit, within_reach
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.robust import robust_gain
@@ -55,7 +55,7 @@ def polished(full: Problem, base: Fit, candidate: Candidate, terms: tuple[Term, 
     kept = [(d, d.tau) for d in full.data]
     full.refit_scatter(forward(terms, full.view), lost=float(len(base.keys)))
     found = finish(full, fit(full, terms, rounds=rounds))
-    gain = found.log_likelihood - base.log_likelihood - PRICE * (len(found.keys) - len(base.keys))
+    gain = worth(found, base)
     strict = gain + _strict(full, found) - found.log_likelihood + base.log_likelihood - _strict(full, base)
     robust = robust_gain(full, found, len(base.terms), max(gain, strict))
     for d, tau in kept:

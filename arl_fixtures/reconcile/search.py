@@ -14,22 +14,23 @@ import numpy as np
 
 from arl_fixtures.reconcile.acceptance import (
     PATTERN_ODDS,
-    PRICE,
     Ranked,
     evidence,
     is_as_good,
     is_repeat,
     is_rounding,
     lacks_essential,
+    worth,
 )
 from arl_fixtures.reconcile.calibrated_units import (
+    Lines,
     calibrate_simulation,
     find_lines,
     free_fitted_zeros,
     free_lines,
 )
 from arl_fixtures.reconcile.carried_gains import carry_gains
-from arl_fixtures.reconcile.columns import Columns
+from arl_fixtures.reconcile.columns import Columns, IntArray
 from arl_fixtures.reconcile.crowded_out import only, other_variants, simpler_lookalikes, where_nothing_acts
 from arl_fixtures.reconcile.dead import leave_out_dead
 from arl_fixtures.reconcile.derived_rays import derive_rays
@@ -42,7 +43,6 @@ from arl_fixtures.reconcile.misfit import is_misfit
 from arl_fixtures.reconcile.noise import ordered_like
 from arl_fixtures.reconcile.own_driver import drives_another_part
 from arl_fixtures.reconcile.pilot import Looker, Structure
-from arl_fixtures.reconcile.pixel_calibration import zero_fitted
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.ranking import POLISHED, polished, rank
 from arl_fixtures.reconcile.readings import smooth_readings
@@ -113,30 +113,38 @@ class Search:
         self.smoothed = smooth_readings(columns)
         columns.sweep_gap_deg, columns.frame_gap_s = typical_gaps(columns)
         self.groups = find_groups(columns)
-        self.full = Problem(columns, draw_rows(columns, self.groups, FULL_ROWS), self.groups)
-        free_fitted_zeros(self.full)
-        self.looker = Looker(self.full)
-        self.progress("first look", 0.05)
-        empty = forward([], self.full.view)
-        self.before = {d.channel.name: self.looker.calibrate(d, empty) for d in self.full.data}
         self.failed: dict[str, str] = {}
+        self.progress("first look", 0.05)
+        self.lines: Lines = {}
+        self.before: dict[str, Structure] = {}
+        self._open(draw_rows(columns, self.groups, FULL_ROWS))
         self.lines = find_lines(self.full, self.before)
         if self.lines:
             calibrate_simulation(columns, self.groups.unit_columns, self.lines)
-            self.full = Problem(columns, self.full.view.rows, self.groups)
-            free_lines(self.full, self.lines)
-            free_fitted_zeros(self.full)
-            self.looker = Looker(self.full)
-            empty = forward([], self.full.view)
-            self.before = {d.channel.name: self.looker.calibrate(d, empty) for d in self.full.data}
+            self._open(self.full.view.rows)
         if leave_out_dead(self.full, effects):
-            self.before = {d.channel.name: self.looker.calibrate(d, empty) for d in self.full.data}
+            self.before = self._structure()
         self.small = small_part(self.full)
-        free_lines(self.small, self.lines)
-        free_fitted_zeros(self.small)
+        self._free(self.small)
         self.variants = all_variants(self.small, effects, self.failed)
         self.gains: dict[int, float] = {}
         self.surcharge = Surcharge()
+
+    def _open(self, rows: IntArray) -> None:
+        """The full problem of some rows, and what is to be explained in it."""
+        self.full = Problem(self.columns, rows, self.groups)
+        self._free(self.full)
+        self.looker = Looker(self.full)
+        self.before = self._structure()
+
+    def _free(self, problem: Problem) -> None:
+        """Let free what whoever made the table has fitted to it."""
+        free_lines(problem, self.lines)
+        free_fitted_zeros(problem)
+
+    def _structure(self) -> dict[str, Structure]:
+        empty = forward([], self.full.view)
+        return {d.channel.name: self.looker.calibrate(d, empty) for d in self.full.data}
 
     def prune(self, best: Fit, chance: Screening | None, certain: Container[str] = ()) -> Fit:
         """Drop, weakest first, what no longer gains a name's share of the threshold (the `certain`: all of it)."""
@@ -146,9 +154,8 @@ class Search:
             for index in range(len(best.terms)):
                 rest = tuple(t for k, t in enumerate(best.terms) if k != index)
                 without = finish(self.full, fit(self.full, rest, rounds=3))
-                price = PRICE * (len(best.keys) - len(without.keys))
                 odds = PATTERN_ODDS if best.terms[index].effect.id in certain else 1.0
-                gains.append((odds * (best.log_likelihood - without.log_likelihood - price), index, without))
+                gains.append((odds * worth(best, without), index, without))
             weakest = min(gains, key=lambda item: item[0])
             if weakest[0] >= PATTERN_ODDS * threshold:
                 break
@@ -162,8 +169,7 @@ class Search:
         for d in self.full.data:
             if best.state[d.channel.name] is not untouched[d.channel.name]:
                 moved = (best.state[d.channel.name] - untouched[d.channel.name])[d.use]
-                fitted = is_zero_fitted(self.full.view) or zero_fitted(self.columns, d.channel.name)
-                if fitted and np.std(moved) > np.abs(np.mean(moved)):
+                if is_zero_fitted(self.full.view) and np.std(moved) > np.abs(np.mean(moved)):
                     d.free_zero()  # unless what was named is a zero itself
                 d.follow(best.state)
                 self.looker.calibrate(d, best.state)

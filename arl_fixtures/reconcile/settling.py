@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from itertools import combinations
 from typing import TYPE_CHECKING
 
-from arl_fixtures.reconcile.acceptance import PATTERN_ODDS, PRICE, TWIN_GAIN, evidence, is_repeat
+from arl_fixtures.reconcile.acceptance import PATTERN_ODDS, TWIN_GAIN, evidence, is_repeat, worth
 from arl_fixtures.reconcile.fit import Fit, finish, fit
 from arl_fixtures.reconcile.misfit import is_misfit
 from arl_fixtures.reconcile.noise import scale_of
@@ -32,8 +32,7 @@ def settle(search: Search, chosen: Fit, stage: Stage) -> Fit:
     for index in range(len(best.terms) - 1):
         rest = tuple(t for k, t in enumerate(best.terms) if k != index)
         without = finish(problem, fit(problem, rest, rounds=4))
-        needed = best.log_likelihood - without.log_likelihood - PRICE * (len(best.keys) - len(without.keys))
-        if needed < PATTERN_ODDS * stage.threshold:
+        if worth(best, without) < PATTERN_ODDS * stage.threshold:
             return settle(search, without, stage) if len(rest) > 1 else without
         best = _swapped(search, best, rest, best.terms[index].label, stage)
     return _as_one(search, best, stage)
@@ -51,7 +50,7 @@ def _as_one(search: Search, best: Fit, stage: Stage) -> Fit:
             continue
         rest = tuple(t for t in best.terms if t is not one and t is not other)
         with following((problem, search.small), rest):
-            without, needed = _worth(problem, best, rest)
+            without, needed = _beside(problem, best, rest)
             alone = [c for c in screen(search.small, wide, rest).candidates if not c.term.unit]
             ranked = search.rank(without, alone[:OPTIONS])
         sure = [r for r in ranked if evidence(r, search.surcharge) > stage.threshold and r.gain > needed - TWIN_GAIN]
@@ -60,12 +59,10 @@ def _as_one(search: Search, best: Fit, stage: Stage) -> Fit:
     return best
 
 
-def _worth(problem: Problem, best: Fit, rest: tuple[Term, ...]) -> tuple[Fit, float]:
+def _beside(problem: Problem, best: Fit, rest: tuple[Term, ...]) -> tuple[Fit, float]:
     """The fit of the `rest` alone, and what the others of a fit's terms gain beside it, less their price."""
     without = finish(problem, fit(problem, rest, rounds=4))
-    present = finish(problem, fit(problem, best.terms, rounds=2))
-    price = PRICE * (len(best.keys) - len(without.keys))
-    return without, present.log_likelihood - without.log_likelihood - price
+    return without, worth(finish(problem, fit(problem, best.terms, rounds=2)), without)
 
 
 def _swapped(search: Search, best: Fit, rest: tuple[Term, ...], label: str, stage: Stage) -> Fit:
@@ -76,7 +73,7 @@ def _swapped(search: Search, best: Fit, rest: tuple[Term, ...], label: str, stag
     """
     problem = search.full
     with following((problem, search.small), rest):
-        without, needed = _worth(problem, best, rest)
+        without, needed = _beside(problem, best, rest)
         again = screen(search.small, search.variants, rest)
         others = [c for c in again.candidates if not is_repeat(without, c)]
         ranked = search.rank(without, shortlist(others)[:OPTIONS])

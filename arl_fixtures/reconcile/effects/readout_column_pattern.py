@@ -106,8 +106,8 @@ class ColumnPattern(Effect):
     def _taps(self, view: View, channel: str, axis: str, kind: str, count: int) -> Variant:
         unit = unit_of(channel)
         size = (0.01 * top_signal(view, channel)) if channel in signals(view) else (0.002 * per_metre(unit))
-        parts = {"taps": (("tap", unit, size),), "gains": (("tap", "1", 0.01),)}
-        told = _converters_told(view, axis, count)
+        added, times = (unit, size), ("1", 0.01)
+        parts = {"taps": {"tap": added}, "gains": {"tap": times}, "both": {"tap": added, "gain": times}}
         return Variant(
             effect=self.id,
             options={
@@ -121,7 +121,7 @@ class ColumnPattern(Effect):
             },
             parameters=tuple(
                 amplitude(f"{name}_{k}", of, -50.0 * typical, 50.0 * typical, typical)
-                for name, of, typical in parts.get(kind, (("tap", unit, size), ("gain", "1", 0.01))) for k in told
+                for name, (of, typical) in parts[kind].items() for k in _converters_told(view, axis, count)
             ),
             channels=(channel,) if kind == "taps" else with_scatter(view, channel),
             drivers=(axis,),

@@ -14,7 +14,7 @@ from arl_fixtures.reconcile.effects_common import (
     set_light,
     signals,
 )
-from arl_fixtures.reconcile.effects_panels import brighten, unnamed_panels
+from arl_fixtures.reconcile.effects_panels import panel_shares, unnamed_panels
 from arl_fixtures.reconcile.effects_surface import light_share, pull_ranges, pulled_channels, surface_names
 from arl_fixtures.reconcile.effects_targets import before, rows_before, target_column
 from arl_fixtures.reconcile.view import View
@@ -47,7 +47,7 @@ class ReflectanceError(LightFactor):
             for panel in unnamed_panels(view):
                 yield Variant(
                     effect=self.id,
-                    options={"channel": channel, "surface": panel, "column": ""},
+                    options={"channel": channel, "surface": panel, "of": "bench"},
                     parameters=(amplitude("error", "1", -0.9, 4.0, 0.02),),
                     channels=tuple(dict.fromkeys((*light_channels(view, channel), *distances(view)))),
                     drivers=tuple(n for n in ("stage_angle_deg", "azimuth_deg", "pixel_u") if view.varies(n))[:2],
@@ -68,35 +68,37 @@ class ReflectanceError(LightFactor):
 
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Brighter or darker by the surface's share of the light."""
+        surface = str(variant.options["surface"])
         if "column" in variant.options:
-            return 1.0 + float(values["error"]) * before(
-                view, str(variant.options["column"]), str(variant.options["surface"])
-            )
-        share = light_share(view, str(variant.options["channel"]), str(variant.options["surface"]))
+            share = before(view, str(variant.options["column"]), surface)
+        elif "of" in variant.options:
+            share = panel_shares(view, surface)[0]
+        else:
+            share = light_share(view, str(variant.options["channel"]), surface)
         return 1.0 + float(values["error"]) * share
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Multiplies the light; a pixel that sees another surface too ranges nearer to the brighter one."""
         channel, surface = str(variant.options["channel"]), str(variant.options["surface"])
-        if variant.options.get("column") == "":
-            brighten(view, state, channel, surface, float(values["error"]))
-            return
         factor = self.factor(variant, values, view)
         set_light(view, state, channel, state[channel] * factor)
-        if "column" in variant.options:
-            return
-        pull_ranges(view, state, channel, surface, factor)
+        if "of" in variant.options:
+            moment = 1.0 + float(values["error"]) * panel_shares(view, surface)[1]
+            for name in distances(view):
+                state[name] = state[name] * moment / factor
+        elif "column" not in variant.options:
+            pull_ranges(view, state, channel, surface, factor)
 
     def expression(self, variant: Variant) -> str:
         """The law."""
-        on = variant.options.get("column", "surface") or "the bench's surface"
+        on = variant.options.get("column", "the bench's surface" if "of" in variant.options else "surface")
         return f"{variant.options['channel']} *= 1 + error on {on} '{variant.options['surface']}'"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """The error in percent."""
         error = float(values["error"])
         what = "brighter" if error > 0.0 else "darker"
-        on = str(variant.options.get("column", "surface") or "surface").capitalize()
+        on = str(variant.options.get("column", "surface")).capitalize()
         return f"{on} '{variant.options['surface']}' is {abs(error) * 100:.2f} % {what} than the simulation assumes."
 
     def next_experiment(self, variant: Variant) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     amplitude,
@@ -58,8 +58,7 @@ class TdcNonlinearity(Effect):
             if not spread > 0.0:
                 continue
             yield from _cyclic(view, distance)
-            size, metres = per_metre(unit_of(distance)), view.columns.numbers[f"sim_{distance}"]
-            distinct = len(np.unique(np.round(metres[np.isfinite(metres)] / spread, 3)))
+            size, distinct = per_metre(unit_of(distance)), _distinct(view, distance, spread)
             longest = max(min(0.7 * spread, USUAL_M * size), min(0.4 * spread, LONGEST_M * size))
             shortest = max(spread / 30.0, 0.01 * size)
             if longest <= 1.05 * shortest:
@@ -73,14 +72,10 @@ class TdcNonlinearity(Effect):
                 if not told:
                     continue
                 period = shape("period", unit_of(distance), 0.5 * shortest, most, *told)
-                waves = [
-                    amplitude(name, unit_of(distance), -0.1 * reach, 0.1 * reach, 0.002 * size)
-                    for order in range(1, harmonics + 1) for name in _names(order)
-                ]  # fmt: skip
                 yield Variant(
                     effect=self.id,
                     options={"channel": distance, **({"harmonics": harmonics} if harmonics > 1 else {})},
-                    parameters=(*waves, period),
+                    parameters=(*_waves(distance, reach, harmonics), period),
                     channels=(distance,),
                     drivers=(f"sim_{distance}",),
                 )
@@ -125,18 +120,18 @@ class TdcNonlinearity(Effect):
 def _cyclic(view: View, distance: str) -> Iterable[Variant]:
     """What a phase meter's waves do whose modulation varies: a whole, a half, a quarter of its ambiguity range."""
     spread, reach = _spread(view, distance)
-    size, metres = per_metre(unit_of(distance)), view.columns.numbers[f"sim_{distance}"]
-    for column in [n for n in view.covariates() if "modulation" in n and unit_of(n) in _HERTZ and view.varies(n)][:1]:
+    size, distinct = per_metre(unit_of(distance)), _distinct(view, distance, spread)
+    for column in [n for n in view.covariates() if "modulation" in n and unit_of(n) in _HERTZ][:1]:
         low, fastest = view.span(column)
         whole = LIGHT_SPEED_M_S / (2.0 * fastest * _HERTZ[unit_of(column)]) * size if low > 0.0 else np.inf
         told = [whole / part for part in _PARTS if whole / part < 0.7 * spread]
-        if not told or len(np.unique(np.round(metres[np.isfinite(metres)] / spread, 3))) < DISTINCT * 3:
+        if not told or distinct < DISTINCT * 3:
             continue
-        waves = [amplitude(name, unit_of(distance), -0.1 * reach, 0.1 * reach, 0.002 * size) for name in _names(1)]
+        period = shape("period", unit_of(distance), 0.9 * told[-1], 1.1 * told[0], *told)
         yield Variant(
             effect=TdcNonlinearity.id,
             options={"channel": distance, "modulation": column, "fastest": rounded(fastest)},
-            parameters=(*waves, shape("period", unit_of(distance), 0.9 * told[-1], 1.1 * told[0], *told)),
+            parameters=(*_waves(distance, reach, 1), period),
             channels=(distance,),
             drivers=(f"sim_{distance}", column),
         )
@@ -152,6 +147,19 @@ def _slower(variant: Variant, view: View) -> FloatArray | float:
         return 1.0
     frequency = np.maximum(view.number(str(variant.options["modulation"])), 1e-9)
     return np.asarray(float(variant.options["fastest"]) / np.nan_to_num(frequency, nan=np.inf))
+
+
+def _waves(distance: str, reach: float, harmonics: int) -> list[Parameter]:
+    """Amplitudes of so many waves; `reach` is the largest distance."""
+    unit, typical = unit_of(distance), 0.002 * per_metre(unit_of(distance))
+    names = [name for order in range(1, harmonics + 1) for name in _names(order)]
+    return [amplitude(name, unit, -0.1 * reach, 0.1 * reach, typical) for name in names]
+
+
+def _distinct(view: View, distance: str, spread: float) -> int:
+    """Different simulated distances of the table, to a thousandth of their spread."""
+    values = view.columns.numbers[f"sim_{distance}"]
+    return len(np.unique(np.round(values[np.isfinite(values)] / spread, 3)))
 
 
 def _names(order: int) -> tuple[str, str]:
