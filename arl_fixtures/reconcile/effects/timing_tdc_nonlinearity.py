@@ -85,7 +85,7 @@ class TdcNonlinearity(Effect):
         distance = str(variant.options["channel"])
         slower = _slower(variant, view)
         phase = 2.0 * np.pi / values["period"] * state[distance] / slower
-        state[distance] = state[distance] + _error(phase, values) * slower
+        state[distance] = state[distance] + np.nan_to_num(_error(phase, values) * slower)
 
     def expression(self, variant: Variant) -> str:
         """The law."""
@@ -142,11 +142,11 @@ def _is_cyclic(variant: Variant) -> bool:
 
 
 def _slower(variant: Variant, view: View) -> FloatArray | float:
-    """How many times slower than the fastest each row's modulation is."""
+    """How many times slower than the fastest each row's modulation is; NaN where no reading says it."""
     if not _is_cyclic(variant):
         return 1.0
-    frequency = np.maximum(view.number(str(variant.options["modulation"])), 1e-9)
-    return np.asarray(float(variant.options["fastest"]) / np.nan_to_num(frequency, nan=np.inf))
+    frequency = view.number(str(variant.options["modulation"]))
+    return float(variant.options["fastest"]) / np.where(frequency > 0.0, frequency, np.nan)
 
 
 def _waves(distance: str, reach: float, harmonics: int) -> list[Parameter]:

@@ -3,8 +3,10 @@
 import numpy as np
 import pyarrow as pa
 
+from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
+from arl_fixtures.reconcile.view import View
 
 LIGHT_M_S = 299_792_458.0
 MODULATIONS_MHZ = np.array([15.0, 49.0])
@@ -46,3 +48,16 @@ def test_a_cyclic_error_is_named_with_a_quarter_of_the_fastest_wave_as_its_perio
 def test_a_clock_beside_a_cyclic_error_is_named_as_well():
     found = diagnose(baseline(4, 0.004, scale=6e-5))[0].findings
     assert {f.effect for f in found} == {"timing.tdc_nonlinearity", "timing.clock_scale"}
+
+
+def test_a_row_without_its_modulation_is_left_as_it_was():
+    columns = baseline(5, 0.004)
+    cyclic = library()["timing.tdc_nonlinearity"]
+    (variant,) = (v for v in cyclic.variants(View(columns)) if "modulation" in v.options)
+    columns.numbers["modulation_mhz"][:2] = np.nan, 0.0
+    view = View(columns)
+    state = view.fresh_state()
+    cyclic.apply(variant, {"sine": 0.01, "cosine": 0.02, "period": 0.76}, state, view)
+    moved = state["distance_m"] - view.sim["distance_m"]
+    assert np.array_equal(moved[:2], [0.0, 0.0])
+    assert np.all(np.abs(moved[2:]) > 0.0)
