@@ -31,8 +31,12 @@ _ROUNDS = 5
 _FLAT = 1e-3
 """Relative error of 1/range within which rays lie on one plane."""
 _FEWEST_ON_SURFACE, _SPREAD, _ONE_PLANE = 6, 0.03, 0.7
-"""Rays that a named surface must have, the least extent of their directions that tells how it lies, and the share of
-them that must lie on one plane."""
+"""Rays that a named surface must have, the extent of their directions that tells how it lies if they are as good as
+`_FLAT`, and the share of them that must lie on one plane."""
+_LEAST_SPREAD = 1e-3
+"""Extent of directions below which even exact ranges tell nothing."""
+_LEVEL = 5e-3
+"""Difference of cos(incidence) and sin(elevation) up to which a ray meets a floor or a ceiling."""
 _RIDGE = 1e-6
 _FARTHEST, _MOST_LOG = 2.0, 4.0
 """Factor by which a turned ray's range may change, and the logarithm of that of its light."""
@@ -134,7 +138,8 @@ def _make(view: View, sign: float) -> Room | None:
         with np.errstate(invalid="ignore", divide="ignore"):
             target = 1.0 / table.numbers[f"sim_{name}"][first]
         target = np.where(np.isfinite(target), target, np.nan)
-        slope = _of_surfaces(view, first, direction, target, _slopes(direction, near, target))
+        slope = _level(view, first, direction, target, _slopes(direction, near, target))
+        slope = _of_surfaces(view, first, direction, target, slope)
         if not slopes:
             rival, fold = _edges(slope, direction, near)
             sent = {signal: _sent_back(view, signal, first, slope, direction) for signal in signals(view)}
@@ -155,7 +160,6 @@ def _sent_back(view: View, signal: str, rows: IntArray, slope: FloatArray, direc
     inverse = np.sum(slope * direction, axis=1)  # cos(incidence) is this over the slope's length
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(light * np.linalg.norm(slope, axis=1) / inverse**3)
-
 
 
 def _edges(slope: FloatArray, direction: FloatArray, near: IntArray) -> tuple[IntArray, FloatArray]:
@@ -211,6 +215,21 @@ def _slopes(direction: FloatArray, near: IntArray, target: FloatArray) -> FloatA
     return np.asarray(whole[flattest])
 
 
+def _level(view: View, rows: IntArray, direction: FloatArray, target: FloatArray, slope: FloatArray) -> FloatArray:
+    """Planes of rays, level where a ray is told to meet its surface as it would a floor: one ray alone tells that."""
+    facing = view.columns.numbers.get("incidence_deg")
+    up = direction[:, 2]
+    if facing is None:
+        return slope
+    with np.errstate(invalid="ignore"):
+        level = np.abs(np.cos(np.radians(facing[rows])) - np.abs(up)) < np.minimum(_LEVEL, 0.1 * np.abs(up))
+    level &= np.isfinite(target)
+    found = slope.copy()
+    found[level] = 0.0
+    found[level, 2] = target[level] / up[level]
+    return found
+
+
 def _of_surfaces(
     view: View, rows: IntArray, direction: FloatArray, target: FloatArray, slope: FloatArray
 ) -> FloatArray:
@@ -226,16 +245,20 @@ def _of_surfaces(
     for surface in np.unique(code):
         of_it = np.flatnonzero((code == surface) & np.isfinite(target))
         rays, values = direction[of_it], target[of_it]
-        if of_it.size < _FEWEST_ON_SURFACE or np.linalg.svd(rays, compute_uv=False)[-1] < _SPREAD:
+        if of_it.size < _FEWEST_ON_SURFACE:
             continue
+        spread = float(np.linalg.svd(rays, compute_uv=False)[-1])
         weight = 1.0 / np.maximum(np.abs(values), 1e-12)
         left = np.zeros(of_it.size)
         for _ in range(_ROUNDS):
             root = weight / (1.0 + (left / _FLAT) ** 2)
             plane = np.linalg.lstsq(rays * root[:, None], values * root, rcond=None)[0]
             left = np.abs(rays @ plane - values) * weight
-        if np.mean(left < _FLAT) > _ONE_PLANE:
-            found[of_it[left < _FLAT]] = plane
+        on_it = left < _FLAT
+        if np.mean(on_it) <= _ONE_PLANE or spread < _LEAST_SPREAD:
+            continue
+        if spread > _SPREAD or float(np.sqrt(np.mean(left[on_it] ** 2))) < _FLAT * spread / _SPREAD:
+            found[of_it[on_it]] = plane
     return found
 
 

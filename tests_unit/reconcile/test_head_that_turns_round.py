@@ -2,6 +2,7 @@
 
 import numpy as np
 import pyarrow as pa
+import pytest
 
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
@@ -31,3 +32,55 @@ def scanner(seed, polarised):
 def test_what_goes_round_twice_is_no_passband():
     (found,) = diagnose(scanner(5, 0.05))[0].findings
     assert (found.effect, found.drivers[0]) == ("unknown", "azimuth_deg")
+
+
+def tilted_hall(seed, pitch_deg, west_m):
+    """Sixteen beams in a hall whose floor the lowest sees, in two corners only; the head nods by `pitch_deg`."""
+    rng = np.random.default_rng(seed)
+    step, around, beam = (x.ravel() for x in np.meshgrid(np.arange(4), np.arange(110), np.arange(16), indexing="ij"))
+    az, el = np.radians(around * 360.0 / 110.0 - 180.0), np.radians(1.6 * beam - 12.0)
+    ray = np.stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)])
+    nod = np.radians(pitch_deg)
+    nodded = np.stack(
+        [np.cos(nod) * ray[0] - np.sin(nod) * ray[2], ray[1], np.cos(nod) * ray[2] + np.sin(nod) * ray[0]]
+    )
+    far, wall, facing = hall(ray, west_m)
+    far_seen, wall_seen, facing_seen = hall(nodded, west_m)
+    paint = 2.6e4 * np.array([0.5, 0.3, 0.5, 0.3, 0.15])
+    sim, light = paint[wall] * facing / far**2, paint[wall_seen] * facing_seen / far_seen**2
+    error, blur = np.sqrt(25.0 + sim), np.full(far.size, 0.011)
+    return columns_of(pa.table({
+        "step": step.astype(float), "azimuth_deg": np.degrees(az), "elevation_deg": np.degrees(el),
+        "pixel_v": beam.astype(float), "housing_temperature_c": 10.0 * step + 15.0, "true_range_m": far,
+        "incidence_deg": np.degrees(np.arccos(facing)),
+        "surface": np.array(["east", "north", "west", "south", "floor"])[wall], "n_frames": np.full(far.size, 20.0),
+        "sim_intensity_counts": sim, "sim_intensity_counts_std": error,
+        "sim_distance_m": far, "sim_distance_m_std": blur,
+        "intensity_counts": light + error / np.sqrt(20.0) * rng.normal(size=far.size),
+        "distance_m": far_seen + blur / np.sqrt(20.0) * rng.normal(size=far.size),
+    }))  # fmt: skip
+
+
+def hall(ray, west_m):
+    """Range, number of the wall and cosine of the incidence of unit rays from a place 1.44 m above the floor."""
+    ahead, left, up = ray
+    away = np.array([4.5, 4.55, west_m, 4.55, 1.44])
+    towards = np.stack([ahead, left, -ahead, -left, -up])
+    with np.errstate(divide="ignore"):
+        far = np.where(towards > 1e-9, away[:, None] / towards, np.inf)
+    wall = np.argmin(far, axis=0)
+    return far.min(axis=0), wall, np.take_along_axis(towards, wall[None], axis=0)[0]
+
+
+@pytest.mark.parametrize(
+    ("west_m", "told"),
+    [pytest.param(5.4, True, id="one ray a corner"), pytest.param(5.8, False, id="few rays and no incidence")],
+)
+def test_a_floor_that_one_beam_sees_in_two_corners_is_a_plane_too(west_m, told):
+    columns = tilted_hall(8, -0.034, west_m)
+    if not told:
+        del columns.numbers["incidence_deg"]
+    (found,) = diagnose(columns)[0].findings
+    assert found.effect == "mount.tilt"
+    pitch = next(p for p in found.parameters if p.name == "pitch")
+    assert pitch.low < -0.034 < pitch.high
