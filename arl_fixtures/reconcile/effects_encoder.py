@@ -9,11 +9,13 @@ import numpy as np
 
 from arl_fixtures.reconcile.effect import Option, State, Variant
 from arl_fixtures.reconcile.effects_common import FloatArray, distances, per_table
+from arl_fixtures.reconcile.effects_illumination import turns_round
 from arl_fixtures.reconcile.effects_pointing import by_whole_pixels, scanned_channels, turn_stage, ways_of_looking
 from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.view import View
 
+STAGE = "stage_angle_deg"
 _LENGTHS = frozenset({"m", "cm", "mm"})
 _SLIDES = frozenset({"stage", "slide", "rail", "carriage", "spindle"})
 _MOVES_WITH = 0.9
@@ -55,10 +57,24 @@ def _goes_along(view: View, channel: str, column: str, least: float) -> bool:
     return abs(float(np.corrcoef(place[good], simulated[good])[0, 1])) > least
 
 
+def turned_by(view: View) -> str:
+    """Column of the angle to which something is turned: of the stage, or of a head that turns round on none."""
+    if view.varies(STAGE):
+        return STAGE
+    return "azimuth_deg" if turns_round(view) else ""
+
+
 def ways_of_turning(view: View) -> tuple[dict[str, Option], ...]:
-    """Options of the ways in which the stage's true angle may show: by the scene, and by each encoder."""
+    """Options of the ways in which the true angle may show: by the scene, and by each encoder of a stage."""
     looking = ways_of_looking(view) if scene(view) is not None else ()
+    if turned_by(view) != STAGE:
+        return tuple({**way, "head": turned_by(view)} for way in looking)
     return (*looking, *({"channel": name} for name in encoders(view)))
+
+
+def turned_angle(variant: Variant) -> str:
+    """Column of the angle that a variant of the `ways_of_turning` is about."""
+    return str(variant.options.get("head", STAGE))
 
 
 def turning_channels(way: dict[str, Option], view: View) -> tuple[str, ...]:

@@ -35,6 +35,8 @@ _FEWEST_ON_SURFACE, _SPREAD, _ONE_PLANE = 6, 0.03, 0.7
 `_FLAT`, and the share of them that must lie on one plane."""
 _LEAST_SPREAD = 1e-3
 """Extent of directions below which even exact ranges tell nothing."""
+_STILL = 0.01
+"""Share by which ranges along one ray may differ where the scanner stands still."""
 _LEVEL = 5e-3
 """Difference of cos(incidence) and sin(elevation) up to which a ray meets a floor or a ceiling."""
 _RIDGE = 1e-6
@@ -117,15 +119,14 @@ def _make(view: View, sign: float) -> Room | None:
     if (view.varies("pixel_u") or view.varies("pixel_v")) and not turns_round(view):
         return None
     everywhere = directions(view, sign)  # a stage turns rays to where others looked before
-    seen = np.column_stack([table.group("dut"), np.rint(everywhere / _SAME_RAY)])
-    code = np.unique(seen, axis=0, return_inverse=True)[1].ravel()
     far = table.numbers[f"sim_{distances(view)[0]}"]
+    place, code = _places(view, everywhere, far)
     rays = np.unique(np.where(np.isfinite(far) & (far > 0.0), code, -1), return_index=True)
     first = rays[1][rays[0] >= 0]
     if not _FEWEST_RAYS <= first.size <= _MOST_RAYS:
         return None
     direction = everywhere[first]
-    near = _nearest(view, first, direction, table.group("dut")[first])
+    near = _nearest(view, first, direction, place[first])
     of_code = np.zeros(int(code.max()) + 1, dtype=np.int64)
     of_code[code[first]] = np.arange(first.size)
     known = np.zeros(of_code.size, dtype=bool)
@@ -139,7 +140,7 @@ def _make(view: View, sign: float) -> Room | None:
             target = 1.0 / table.numbers[f"sim_{name}"][first]
         target = np.where(np.isfinite(target), target, np.nan)
         slope = _level(view, first, direction, target, _slopes(direction, near, target))
-        slope = _of_surfaces(view, first, direction, target, slope)
+        slope = _of_surfaces(view, first, direction, target, place[first], slope)
         if not slopes:
             rival, fold = _edges(slope, direction, near)
             sent = {signal: _sent_back(view, signal, first, slope, direction) for signal in signals(view)}
@@ -148,6 +149,34 @@ def _make(view: View, sign: float) -> Room | None:
     with np.errstate(invalid="ignore", divide="ignore"):
         brighter = {signal: (of_ray[rival] / of_ray)[of_code[code]] for signal, of_ray in sent.items()}
     return Room(sign, slopes, beyond, brighter, np.where(known[code], fold[of_code[code]], 0.0))
+
+
+def _places(view: View, rays: FloatArray, far: FloatArray) -> tuple[IntArray, IntArray]:
+    """Where each row's scanner stands, and which rows look from there along one ray, as numbers of the whole table.
+
+    A device stands still but where most of its rays see another range at another step: it was moved between them.
+    """
+    table = view.columns
+    place = table.group("dut")
+    for columns in (("dut",), ("dut", "step"), ("dut", "cycle", "step")):
+        place = table.group(*columns)
+        key = np.column_stack([place, np.rint(rays / _SAME_RAY)])
+        code = np.unique(key, axis=0, return_inverse=True)[1].ravel()
+        if _stands_still(code, far):
+            return place, code
+    place = table.group("dut")
+    key = np.column_stack([place, np.rint(rays / _SAME_RAY)])
+    return place, np.unique(key, axis=0, return_inverse=True)[1].ravel()
+
+
+def _stands_still(code: IntArray, far: FloatArray) -> bool:
+    """Whether most rays see one range in all of their rows."""
+    seen = np.isfinite(far) & (far > 0.0)
+    low, high = np.full(int(code.max()) + 1, np.inf), np.zeros(int(code.max()) + 1)
+    np.minimum.at(low, code[seen], far[seen])
+    np.maximum.at(high, code[seen], far[seen])
+    told = high > 0.0
+    return bool(np.mean(high[told] / low[told] - 1.0 < _STILL) > 0.5) if told.any() else True
 
 
 def _sent_back(view: View, signal: str, rows: IntArray, slope: FloatArray, direction: FloatArray) -> FloatArray:
@@ -231,7 +260,7 @@ def _level(view: View, rows: IntArray, direction: FloatArray, target: FloatArray
 
 
 def _of_surfaces(
-    view: View, rows: IntArray, direction: FloatArray, target: FloatArray, slope: FloatArray
+    view: View, rows: IntArray, direction: FloatArray, target: FloatArray, place: IntArray, slope: FloatArray
 ) -> FloatArray:
     """Planes of rays, those of one named surface on one plane where it is one.
 
@@ -240,7 +269,7 @@ def _of_surfaces(
     table = view.columns
     if "surface" not in table.categories:
         return slope
-    code = table.group("dut", "surface")[rows]
+    code = np.unique(np.column_stack([place, table.group("surface")[rows]]), axis=0, return_inverse=True)[1].ravel()
     found = slope.copy()
     for surface in np.unique(code):
         of_it = np.flatnonzero((code == surface) & np.isfinite(target))

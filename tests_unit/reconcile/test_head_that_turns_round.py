@@ -4,8 +4,12 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
+
+TURNS = ("mount.tilt", "stage.zero_offset", "stage.periodic_error", "timing.range_walk", "timing.clock_scale",
+         "air.multipath", "target.edge_mixing")  # fmt: skip
 
 
 def scanner(seed, polarised):
@@ -80,7 +84,53 @@ def test_a_floor_that_one_beam_sees_in_two_corners_is_a_plane_too(west_m, told):
     columns = tilted_hall(8, -0.034, west_m)
     if not told:
         del columns.numbers["incidence_deg"]
-    (found,) = diagnose(columns)[0].findings
+    (found,) = diagnose(columns, effects=[library()[n] for n in TURNS])[0].findings
     assert found.effect == "mount.tilt"
     pitch = next(p for p in found.parameters if p.name == "pitch")
     assert pitch.low < -0.034 < pitch.high
+
+
+def moved_head(seed, wave_deg, zero_deg):
+    """A head that stands at another place and heading in every step; its encoder is off, with three waves a turn."""
+    rng = np.random.default_rng(seed)
+    step, around, beam = (x.ravel() for x in np.meshgrid(np.arange(4), np.arange(120), np.arange(8), indexing="ij"))
+    azimuth, el = 3.0 * around, np.radians(4.0 * beam - 14.0)
+    east, north = rng.uniform(3.0, 6.0, 4), rng.uniform(2.5, 4.0, 4)
+    heading = rng.uniform(0.0, 90.0, 4)
+
+    def look(turn_deg):
+        az = np.radians(azimuth + heading[step] + turn_deg)
+        ray = np.stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)])
+        away = np.stack([9.0 - east[step], 6.5 - north[step], east[step], north[step], np.full(step.size, 1.4)])
+        towards = np.stack([ray[0], ray[1], -ray[0], -ray[1], -ray[2]])
+        with np.errstate(divide="ignore"):
+            far = np.where(towards > 1e-9, away / towards, np.inf)
+        wall = np.argmin(far, axis=0)
+        return far.min(axis=0), wall
+
+    far, wall = look(0.0)
+    seen = look(zero_deg + wave_deg * np.sin(np.radians(3.0 * azimuth)))[0]
+    return columns_of(pa.table({
+        "step": step.astype(float), "azimuth_deg": azimuth, "elevation_deg": np.degrees(el),
+        "surface": np.array(["east", "north", "west", "south", "floor"])[wall], "n_frames": np.full(far.size, 5.0),
+        "sim_range_m": far, "sim_range_m_std": np.full(far.size, 0.01), "rotor_temperature_c": 25.0 + 5.0 * step,
+        "range_m": seen + 0.01 / np.sqrt(5.0) * rng.normal(size=far.size),
+    }))  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("wave_deg", "zero_deg", "name"), [(0.0, 0.03, "stage.zero_offset"), (0.05, 0.0, "stage.periodic_error")]
+)
+def test_a_head_sees_other_walls_where_it_was_moved_between_steps(wave_deg, zero_deg, name):
+    (found,) = diagnose(moved_head(4, wave_deg, zero_deg), effects=[library()[n] for n in TURNS])[0].findings
+    assert (found.effect, found.drivers) == (name, ["azimuth_deg"])
+    assert found.equivalent_to == (["mount.tilt"] if zero_deg else [])
+    by_name = {p.name: p for p in found.parameters}
+    if zero_deg:
+        assert by_name["zero"].low < zero_deg < by_name["zero"].high
+    else:
+        assert by_name["period"].value == pytest.approx(120.0, rel=0.02)
+
+
+def test_a_head_that_was_moved_and_reads_right_is_silent():
+    assert diagnose(moved_head(5, 0.0, 0.0), effects=[library()[n] for n in TURNS])[0].findings == []

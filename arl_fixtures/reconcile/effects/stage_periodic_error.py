@@ -9,7 +9,14 @@ import numpy as np
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_bench import is_sharp
 from arl_fixtures.reconcile.effects_common import amplitude, period_starts, shape
-from arl_fixtures.reconcile.effects_encoder import show_turn, slides, turning_channels, ways_of_turning
+from arl_fixtures.reconcile.effects_encoder import (
+    show_turn,
+    slides,
+    turned_angle,
+    turned_by,
+    turning_channels,
+    ways_of_turning,
+)
 from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
@@ -33,11 +40,11 @@ class PeriodicError(Effect):
     def variants(self, view: View) -> Iterable[Variant]:
         """One, one for each encoder and linear stage; periods from four steps to one and a half times the sweep."""
         yield from self._along(view)
-        ways = ways_of_turning(view)
-        if not view.varies("stage_angle_deg") or not ways:
+        ways, angle = ways_of_turning(view), turned_by(view)
+        if not angle or not ways:
             return
-        low, high = view.span("stage_angle_deg")
-        angles = np.unique(np.round(view.columns.numbers["stage_angle_deg"], 4))
+        low, high = view.span(angle)
+        angles = np.unique(np.round(view.columns.numbers[angle], 4))
         angles = angles[np.isfinite(angles)]
         if angles.size < FEWEST_PLACES:
             return
@@ -57,7 +64,7 @@ class PeriodicError(Effect):
                 ),
                 channels=turning_channels(way, view),
                 rough=not way and is_sharp(view),
-                drivers=("stage_angle_deg",),
+                drivers=(angle,),
             )
 
     def _along(self, view: View) -> Iterable[Variant]:
@@ -84,17 +91,17 @@ class PeriodicError(Effect):
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Looks the scene up at the true angle."""
-        place = view.number(str(variant.options.get("along", "stage_angle_deg")))
+        place = view.number(_place(variant))
         phase = 2.0 * np.pi / float(values["period"]) * np.nan_to_num(place)
         error = float(values["sine"]) * np.sin(phase) + float(values["cosine"]) * np.cos(phase)
         show_turn(variant, state, view, error)
 
     def expression(self, variant: Variant) -> str:
         """The law."""
-        phase = f"(2 pi {variant.options.get('along', 'stage_angle_deg')} / period)"
+        phase = f"(2 pi {_place(variant)} / period)"
         if "channel" in variant.options:
             return f"{variant.options['channel']} += sine * sin{phase} + cosine * cos{phase}"
-        return f"every channel = simulation at stage_angle_deg + sine * sin{phase} + cosine * cos{phase}"
+        return f"every channel = simulation at {_place(variant)} + sine * sin{phase} + cosine * cos{phase}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Amplitude and period."""
@@ -107,3 +114,8 @@ class PeriodicError(Effect):
     def next_experiment(self, variant: Variant) -> str:
         """What shows it."""
         return "Log an encoder or an autocollimator on the table over two periods, in steps of a tenth of one."
+
+
+def _place(variant: Variant) -> str:
+    """Column of the place or angle that is off."""
+    return str(variant.options.get("along", turned_angle(variant)))

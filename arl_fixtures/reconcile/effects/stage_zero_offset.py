@@ -10,7 +10,14 @@ import numpy as np
 from arl_fixtures.reconcile.effect import Effect, Option, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_bench import is_sharp
 from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, per_table
-from arl_fixtures.reconcile.effects_encoder import show_turn, turning_channels, ways_of_turning
+from arl_fixtures.reconcile.effects_encoder import (
+    STAGE,
+    show_turn,
+    turned_angle,
+    turned_by,
+    turning_channels,
+    ways_of_turning,
+)
 from arl_fixtures.reconcile.view import View
 
 
@@ -18,7 +25,7 @@ class ZeroOffset(Effect):
     """Every row sees the scene at stage angle + zero, or + backlash · ½·sign of travel.
 
     Where the angle is right for one direction, the other alone is off: + backlash where the stage came upwards, or
-    where it came downwards (`side`).
+    where it came downwards (`side`). A head that turns round, on no stage, has its azimuths in the stage's place.
     """
 
     id = "stage.zero_offset"
@@ -30,9 +37,10 @@ class ZeroOffset(Effect):
 
     def variants(self, view: View) -> Iterable[Variant]:
         """A constant; a backlash where angles are approached from both sides."""
-        if not view.varies("stage_angle_deg"):
+        angle = turned_by(view)
+        if not angle:
             return
-        both = np.unique(travel(view)[travel(view) != 0.0]).size > 1
+        both = angle == STAGE and np.unique(travel(view)[travel(view) != 0.0]).size > 1
         kinds: list[dict[str, Option]] = [{"kind": "constant"}]
         kinds += [{"kind": "backlash", **side} for side in ({}, {"side": "up"}, {"side": "down"})] if both else []
         for told, way in product(kinds, ways_of_turning(view)):
@@ -42,8 +50,8 @@ class ZeroOffset(Effect):
                 options={**told, **way},
                 parameters=(amplitude("zero" if kind == "constant" else "backlash", "deg", -20.0, 20.0, 0.05),),
                 channels=turning_channels(way, view),
-                rough=not way and is_sharp(view),
-                drivers=("stage_angle_deg",) if kind == "constant" else (*_direction(view), "stage_angle_deg"),
+                rough=angle == STAGE and not way and is_sharp(view),
+                drivers=(angle,) if kind == "constant" else (*_direction(view), angle),
             )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
@@ -61,7 +69,7 @@ class ZeroOffset(Effect):
             added = f"backlash * [came {variant.options['side']}wards]"
         if "channel" in variant.options:
             return f"{variant.options['channel']} += {added}"
-        return f"every channel = simulation at stage_angle_deg + {added}"
+        return f"every channel = simulation at {turned_angle(variant)} + {added}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """The offset."""

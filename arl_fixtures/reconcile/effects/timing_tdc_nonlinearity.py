@@ -22,6 +22,8 @@ from arl_fixtures.reconcile.view import View
 
 USUAL_M, LONGEST_M = 4.0, 20.0
 """Periods, as distances: of clocks from some 40 MHz; of slower ones from 7.5 MHz, where two and a half are swept."""
+FASTEST_M, MOST_PERIODS = 0.15, 120
+"""Period of a clock of 1 GHz, down to which a long sweep is searched where its distances lie close enough."""
 DISTINCT = 4
 """Distances for each parameter: as many waves as there are targets draw anything."""
 _HERTZ = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6}
@@ -61,9 +63,10 @@ class TdcNonlinearity(Effect):
             size, distinct = per_metre(unit_of(distance)), _distinct(view, distance, spread)
             longest = max(min(0.7 * spread, USUAL_M * size), min(0.4 * spread, LONGEST_M * size))
             shortest = max(spread / 30.0, 0.01 * size)
+            shortest = min(shortest, max(FASTEST_M * size, spread / MOST_PERIODS, 2.0 * spread / max(distinct, 1)))
             if longest <= 1.05 * shortest:
                 continue
-            starts = period_starts(shortest, longest, spread, most=40)
+            starts = period_starts(shortest, longest, spread, most=MOST_PERIODS)
             for harmonics in (1, HARMONICS):
                 if distinct < DISTINCT * (2 * harmonics + 1):
                     continue
