@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, signals
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column, turns_round
 from arl_fixtures.reconcile.effects_planes import directions
+from arl_fixtures.reconcile.effects_still import ALIKE, apart
 from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]
@@ -35,8 +36,8 @@ _FEWEST_ON_SURFACE, _SPREAD, _ONE_PLANE = 6, 0.03, 0.7
 `_FLAT`, and the share of them that must lie on one plane."""
 _LEAST_SPREAD = 1e-3
 """Extent of directions below which even exact ranges tell nothing."""
-_STILL = 0.01
-"""Share by which ranges along one ray may differ where the scanner stands still."""
+_MOVED_BETWEEN: tuple[tuple[str, ...], ...] = ((), ("step",), ("cycle", "step"))
+"""Columns between whose values a scanner may have been moved, those tried first that part a table least."""
 _LEVEL = 5e-3
 """Difference of cos(incidence) and sin(elevation) up to which a ray meets a floor or a ceiling."""
 _RIDGE = 1e-6
@@ -154,29 +155,17 @@ def _make(view: View, sign: float) -> Room | None:
 def _places(view: View, rays: FloatArray, far: FloatArray) -> tuple[IntArray, IntArray]:
     """Where each row's scanner stands, and which rows look from there along one ray, as numbers of the whole table.
 
-    A device stands still but where most of its rays see another range at another step: it was moved between them.
+    A device stands still but where its rays see other ranges at another step: it was moved between them.
     """
-    table = view.columns
-    place = table.group("dut")
-    for columns in (("dut",), ("dut", "step"), ("dut", "cycle", "step")):
-        place = table.group(*columns)
-        key = np.column_stack([place, np.rint(rays / _SAME_RAY)])
-        code = np.unique(key, axis=0, return_inverse=True)[1].ravel()
-        if _stands_still(code, far):
-            return place, code
-    place = table.group("dut")
-    key = np.column_stack([place, np.rint(rays / _SAME_RAY)])
-    return place, np.unique(key, axis=0, return_inverse=True)[1].ravel()
-
-
-def _stands_still(code: IntArray, far: FloatArray) -> bool:
-    """Whether most rays see one range in all of their rows."""
     seen = np.isfinite(far) & (far > 0.0)
-    low, high = np.full(int(code.max()) + 1, np.inf), np.zeros(int(code.max()) + 1)
-    np.minimum.at(low, code[seen], far[seen])
-    np.maximum.at(high, code[seen], far[seen])
-    told = high > 0.0
-    return bool(np.mean(high[told] / low[told] - 1.0 < _STILL) > 0.5) if told.any() else True
+    log = np.log(np.where(seen, far, 1.0))
+    ways = [(place, _alike(place, rays)) for place in (view.columns.group("dut", *more) for more in _MOVED_BETWEEN)]
+    return next((way for way in ways if seen.any() and apart(way[1], log, seen) <= ALIKE), ways[0])
+
+
+def _alike(place: IntArray, rays: FloatArray) -> IntArray:
+    key = np.column_stack([place, np.rint(rays / _SAME_RAY)])
+    return np.asarray(np.unique(key, axis=0, return_inverse=True)[1].ravel(), dtype=np.int64)
 
 
 def _sent_back(view: View, signal: str, rows: IntArray, slope: FloatArray, direction: FloatArray) -> FloatArray:

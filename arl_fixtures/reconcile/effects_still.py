@@ -13,11 +13,11 @@ from arl_fixtures.reconcile.view import View
 
 BEYOND_DEG = 6.0
 """How far a curve goes on beyond the image on either side."""
-_ALIKE = 1e-3
+ALIKE = 1e-3
 """Share of a simulated distance by which a pixel's may differ in images of one scene."""
 _FEWEST_BENT = 4
 _DIGITS = 3.0
-"""Distances of a scene are told apart by their logarithm in steps of `_ALIKE` times so many."""
+"""Distances of a scene are told apart by their logarithm in steps of `ALIKE` times so many."""
 
 
 def scenes_shown(view: View) -> IntArray:
@@ -37,14 +37,14 @@ def scenes_shown(view: View) -> IntArray:
         return none
     log = np.log(np.where(good, simulated, 1.0))
     pixel = table.group("dut", "pixel_u", "pixel_v")
-    if _apart(pixel, log, good) <= _ALIKE:
+    if apart(pixel, log, good) <= ALIKE:
         return none
-    scene = next((code for code in _told(view) if _apart(_both(code, pixel), log, good) <= _ALIKE), None)
+    scene = next((code for code in _told(view) if apart(_both(code, pixel), log, good) <= ALIKE), None)
     if scene is None:
         return none
     count = int(scene.max()) + 1
     mean = np.bincount(scene[good], log[good], count) / np.maximum(np.bincount(scene[good], minlength=count), 1)
-    ranked = np.unique(np.rint(mean / (_DIGITS * _ALIKE)).astype(np.int64), return_inverse=True)[1]
+    ranked = np.unique(np.rint(mean / (_DIGITS * ALIKE)).astype(np.int64), return_inverse=True)[1]
     return np.asarray(ranked[scene], dtype=np.int64)
 
 
@@ -62,7 +62,7 @@ def _both(one: IntArray, other: IntArray) -> IntArray:
     return np.asarray(np.unique(one * (int(other.max()) + 1) + other, return_inverse=True)[1], dtype=np.int64)
 
 
-def _apart(code: IntArray, values: FloatArray, good: np.ndarray) -> float:
+def apart(code: IntArray, values: FloatArray, good: np.ndarray) -> float:
     """Largest range of values within a group, but for the widest hundredth of the groups."""
     count = int(code.max()) + 1
     low, high = np.full(count, np.inf), np.full(count, -np.inf)
