@@ -21,6 +21,11 @@ _DEGREE = 4
 _GOOD_REST, _EXACT_REST = 0.03, 2e-3
 _PLAIN = ({(4, 0), (0, 4)}, {(2, 0), (0, 2)}, {(2, 0), (0, 2), (4, 0), (0, 4)})
 """Powers of simpler profiles, which are taken where they fit exactly: few pixels do not tell of all the others."""
+_BEYOND = 1.6
+"""Times the field of view up to which a simple profile goes on that fits exactly."""
+_AS_GOOD = 1.1
+"""Times what the best profile leaves, up to which a simpler one is taken: where the scene leaves much more than any
+profile's shape, that of many powers is the scene's."""
 _ROUNDS = 12
 FEWEST_PX = 7.0
 """Columns or rows of pixels that an image must span for a smooth profile over it."""
@@ -36,11 +41,12 @@ class Illumination:
     coefficients: FloatArray
     reach_az: float
     reach_el: float
+    known_to: float = 1.1
 
     def log(self, azimuth: FloatArray, elevation: FloatArray) -> FloatArray:
-        """ln of the profile, held beyond 1.1 times the field of view."""
-        x = np.clip(azimuth / self.reach_az, -1.1, 1.1)
-        y = np.clip(elevation / self.reach_el, -1.1, 1.1)
+        """ln of the profile, held beyond `known_to` times the field of view."""
+        x = np.clip(azimuth / self.reach_az, -self.known_to, self.known_to)
+        y = np.clip(elevation / self.reach_el, -self.known_to, self.known_to)
         grid = np.zeros((_DEGREE + 1, _DEGREE + 1))
         for (i, j), coefficient in zip(self.terms, self.coefficients, strict=True):
             grid[j, i] = coefficient
@@ -56,8 +62,8 @@ class Illumination:
 
     def curvature(self, azimuth: FloatArray, elevation: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Second derivative of the profile over itself, along azimuth and along elevation."""
-        x = np.clip(azimuth / self.reach_az, -1.1, 1.1)
-        y = np.clip(elevation / self.reach_el, -1.1, 1.1)
+        x = np.clip(azimuth / self.reach_az, -self.known_to, self.known_to)
+        y = np.clip(elevation / self.reach_el, -self.known_to, self.known_to)
         slopes, bends = np.zeros((2, *x.shape)), np.zeros((2, *x.shape))
         for (i, j), c in zip(self.terms, self.coefficients, strict=True):
             for axis, (n, own, other) in enumerate(((i, x, y**j), (j, y, x**i))):
@@ -183,15 +189,21 @@ def _profile(view: View, channel: str, axes: tuple[Across, Across]) -> Illuminat
         x, y = az[rows] / reach_az, el[rows] / reach_el
         target = np.log(signal[rows])
         for known, scenery in _sceneries(view, rows):
+            tried: list[tuple[float, FloatArray, tuple[tuple[int, int], ...]]] = []
             for plain in (*_PLAIN, set(every)):
                 terms = tuple(term for term in every if term in plain)
                 basis = [np.ones(rows.size), *(x**i * y**j for i, j in terms)]
                 solution, rest = _robust(np.column_stack([*basis, *scenery]), target - known)
+                tried.append((rest, solution, terms))
                 if rest < _EXACT_REST:
                     break
+            else:
+                least = min(rest for rest, _, _ in tried)
+                rest, solution, terms = next(t for t in tried if t[0] <= _AS_GOOD * least)
             if rest < _GOOD_REST:
                 break
-        return Illumination(terms, solution[1 : len(terms) + 1], reach_az, reach_el)
+        known_to = _BEYOND if rest < _EXACT_REST and set(terms) in _PLAIN else 1.1
+        return Illumination(terms, solution[1 : len(terms) + 1], reach_az, reach_el, known_to)
 
     return per_table(view, ("illumination", channel, axes), make)
 

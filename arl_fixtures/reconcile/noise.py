@@ -114,7 +114,8 @@ NESTED = ("frame", "step")
 
 
 def by_size(levels: tuple[Level, ...], tau: dict[str, float]) -> tuple[Level, ...]:
-    """Levels in the order in which they are best whitened: those that cross steps first, or steps if they share more.
+    """Levels in the order in which they are best whitened: those that cross steps first, or steps and their images if
+    these share more.
 
     Where rows are missing a group of one kind sees more of one of another: what the larger scatter leaves in the sums
     of the smaller one would pass for it (a stage angle that two steps lack, for how these are off).
@@ -127,7 +128,7 @@ def by_size(levels: tuple[Level, ...], tau: dict[str, float]) -> tuple[Level, ..
     crossed = [level for level in levels if level.name in CROSSED]
     nested = [level for level in levels if level.name in NESTED]
     rest = [level for level in levels if level.name not in (*CROSSED, *NESTED)]
-    pair = (nested, crossed) if size(NESTED[-1:]) > size(CROSSED) else (crossed, nested)
+    pair = (nested, crossed) if size(NESTED) > size(CROSSED) else (crossed, nested)
     return (*rest, *pair[0], *pair[1])
 
 

@@ -21,6 +21,8 @@ SCATTER_GAIN = 9.0
 LEAST_SHARED = 0.3
 """Row errors that images must share at least, in the tenth of the rows in which it shows most: less is what
 neighbouring pixels' noise has in common."""
+LARGE_WITHIN = 2.0
+"""Row errors from which what images or angles share within a step is told, though single frames scatter by more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,14 +82,16 @@ def _scatter_of(
     if gain < SCATTER_GAIN or (level.floor > 0 and (tau < 1.4 or not level.declared)):
         return None
     alone = data.stated * data.spread
+    told = float(np.quantile(tau * level.scale / alone, 0.9))
     small = size < float(np.median(alone * np.sqrt(np.maximum(problem.view.frames()[data.use], 1.0))))
+    small = small and not (group != "step" and told > LARGE_WITHIN)  # a table can declare what steps share only
     driver = condition_of(problem, data, group, state, strict=small and not declared)
     if effect.common:  # of single frames, each of one pulse: nothing else needs to be said of what they share
         driver = ""
     elif not declared and small and not driver:
         return None
     # a share of the signal shows where that is strong
-    if not effect.common and not level.declared and float(np.quantile(tau * level.scale / alone, 0.9)) < LEAST_SHARED:
+    if not effect.common and not level.declared and told < LEAST_SHARED:
         return None
     amplitude = next(p for p in variant.parameters if p.is_amplitude)
     unit = 1.0 if effect.common else float(np.median(level.scale))  # of a share, or in counts
