@@ -22,9 +22,9 @@ _SECONDS = {"s": 1.0, "ms": 1e-3, "min": 60.0}
 _LENGTHS = {unit: 1.0 / per_metre(unit) for unit in ("m", "mm", "cm", "km")}
 _MEANINGS: tuple[tuple[str, Mapping[str, float], tuple[str, ...]], ...] = (
     ("azimuth_deg", _DEGREES, ("az", "azimuth", "azimuth_angle", "beam_az", "beam_azimuth", "ray_azimuth",
-                               "gimbal_az")),
+                               "gimbal_az", "mirror_x", "mirror_az", "scan_x", "scan_az", "horizontal_angle")),
     ("elevation_deg", _DEGREES, ("el", "elevation", "elevation_angle", "beam_el", "beam_elevation", "ray_elevation",
-                                 "gimbal_el")),
+                                 "gimbal_el", "mirror_y", "mirror_el", "scan_y", "scan_el", "vertical_angle")),
     ("stage_angle_deg", _TURNED, ("stage", "stage_angle", "stage_position", "table", "table_angle", "turntable",
                                    "turntable_angle", "rotation_stage", "rotary_angle", "rotation_angle")),
     ("incidence_deg", _DEGREES, ("incidence", "incidence_angle", "angle_of_incidence", "aoi", "goniometer")),

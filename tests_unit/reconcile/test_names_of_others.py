@@ -80,6 +80,12 @@ def test_what_is_meant_by_two_columns_is_meant_by_none():
     assert find_synonyms({"gain_k": x}, ()) == {}  # nothing is at 3 K
 
 
+def test_the_angles_of_a_mirror_are_those_of_its_rays():
+    x = np.linspace(-20.0, 20.0, 5)
+    known = {"azimuth_deg": Given("mirror_x_deg"), "elevation_deg": Given("mirror_y_deg")}
+    assert find_synonyms({"mirror_x_deg": x, "mirror_y_deg": x}, ()) == known
+
+
 @given(st.floats(100.0, 900.0), st.floats(1e-3, 1e3))
 def test_units_come_back(kelvin, minutes):
     assert Given("t_k", 1.0, -273.15).back(kelvin - 273.15) == pytest.approx(kelvin)
