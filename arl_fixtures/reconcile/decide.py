@@ -49,6 +49,8 @@ from arl_fixtures.reconcile.unit_conditions import law_of_units
 
 LEAST_ENERGY = 1.0
 """Squared standard errors by which an effect must move a channel to act in it."""
+LEAST_OUTSIDE = 4.0
+"""Log-likelihood that a name must gain in channels where it stands, to stand though it does not in others."""
 UNKNOWN_SHARE = 0.08
 """Share above which what is left is reported as a finding of its own."""
 SCATTER_SHARE = 0.4
@@ -197,9 +199,19 @@ class Decision:
         return name, Law(channel=name, relative=relative, terms=[], drivers=drivers, gain=gain)
 
     def _mostly_in(self, term: Term, names: set[str]) -> bool:
+        """Whether a name acts mostly in some channels, or only these gain by it."""
         energy = self.energy(term)
-        total = sum(energy.values())
-        return total > 0 and sum(v for k, v in energy.items() if k in names) > 0.5 * total
+        total, there = sum(energy.values()), sum(v for k, v in energy.items() if k in names)
+        if not there:
+            return False
+        return there > 0.5 * total or self._gain_outside(term, names) < LEAST_OUTSIDE
+
+    def _gain_outside(self, term: Term, names: set[str]) -> float:
+        """Drop of half the sum of squares that a term brings in other channels, beside the other terms."""
+        states = (forward(some, self.problem.view) for some in ([t for t in self.terms if t is not term], self.terms))
+        others = [d for d in self.problem.data if d.channel.name not in names]
+        before, after = (sum(float(np.sum(d.whiten(d.residual(s)) ** 2)) for d in others) for s in states)
+        return 0.5 * (before - after)
 
     def energy(self, term: Term) -> dict[str, float]:
         """Squared whitened change of each channel that a term makes beside the others."""

@@ -165,7 +165,8 @@ def _told_by(place: IntArray, values: FloatArray) -> float:
 def factor_scatter(values: FloatArray, power: FloatArray, score: FloatArray) -> tuple[float, float]:
     """Scatter of a change's factor between the bins of a column, and what a scatter gains in log-likelihood.
 
-    The scatter is beyond what noise makes. Each bin counts by the change's power in it: where an effect hardly acts
+    The scatter is beyond what noise makes, the noise being that of the rows on which the change acts, within bins: a
+    few that lie far off are no other factor. Each bin counts by the change's power in it: where an effect hardly acts
     (a beam that moves, in its middle), a small error is a large factor.
 
     Args:
@@ -175,10 +176,12 @@ def factor_scatter(values: FloatArray, power: FloatArray, score: FloatArray) -> 
     total, pull = (np.asarray(np.bincount(code, x), dtype=np.float64) for x in (power, score))
     if total.sum() <= 0.0:
         return 0.0, 0.0
-    pull = pull - total * (pull.sum() / total.sum())
-    gain = fit_tau(pull, total, lost=1.0)[1]
     there = total > 0.0
-    beyond = float(np.sum(pull[there] ** 2 / total[there])) - (int(there.sum()) - 1)
+    factor = np.divide(pull, total, out=np.zeros_like(pull), where=there)
+    noise = max(float(np.sum((score - factor[code] * power) ** 2) / total.sum()), 1.0)
+    pull = pull - total * (pull.sum() / total.sum())
+    gain = fit_tau(pull / noise, total / noise, lost=1.0)[1]
+    beyond = float(np.sum(pull[there] ** 2 / total[there])) - noise * (int(there.sum()) - 1)
     return float(np.sqrt(max(beyond, 0.0) / total.sum())), gain
 
 

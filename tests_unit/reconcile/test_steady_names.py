@@ -6,7 +6,7 @@ import pytest
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.reconcile import diagnose
-from arl_fixtures.reconcile.steadiness import acts_in_all, factor_scatter
+from arl_fixtures.reconcile.steadiness import UNSTEADY_GAIN, acts_in_all, factor_scatter
 from arl_fixtures.reconcile.table import columns_of
 
 KNOWN = [library()[name] for name in ("detector.pixel_response", "timing.clock_scale")]
@@ -76,6 +76,17 @@ def test_only_what_moves_scatters_a_factor():
     assert steady[1] < 3.0
     assert moving[1] > 6.0
     assert moving[0] == pytest.approx(0.9 / np.sqrt(2.0), rel=0.4)
+
+
+def test_a_few_rows_far_off_are_no_other_factor_in_the_bins_that_they_fall_into():
+    """A change of a few rows, some of them wild, over columns that have nothing to do with it."""
+    rng = np.random.default_rng(12)
+    change = 3.0 * rng.normal(size=2000) * (rng.random(2000) < 0.05)
+    left = rng.normal(size=2000) * np.where(rng.random(2000) < 0.1, 9.0, 1.0)
+    gains = [factor_scatter(rng.random(2000), change**2, change * left)[1] for _ in range(40)]
+    assert np.mean(np.array(gains) > UNSTEADY_GAIN) <= 0.05
+    place = rng.random(2000)  # but a factor that goes with a column is seen beside them
+    assert factor_scatter(place, change**2, change * (left + 3.0 * (place > 0.5) * change))[1] > UNSTEADY_GAIN
 
 
 def test_bins_in_which_a_name_hardly_acts_decide_nothing():
