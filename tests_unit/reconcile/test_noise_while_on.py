@@ -86,3 +86,21 @@ def test_daylight_s_shot_noise_is_found_though_its_column_is_no_temperature_of_t
     (finding,) = diagnose(made)[0].findings
     assert finding.effect == "readout.noise_excess"
     assert finding.drivers == ["ambient_klux"]
+
+
+def test_an_avalanche_s_excess_noise_is_found_at_the_bias_that_was_set():
+    """Electrons that multiply by chance: a gain of each that grows from a few to many near breakdown."""
+    rng = np.random.default_rng(7)
+    bias = np.array([90.0, 110.0, 125.0])[np.arange(720) // 8 % 3]
+    spread = np.where(bias > 120.0, 1.2, 0.0)  # of a single electron's gain about its mean
+    electrons = rng.poisson(400.0, (720, FRAMES))
+    frames = electrons + spread[:, None] * np.sqrt(electrons) * rng.normal(size=(720, FRAMES))
+    made = columns_of(pa.table({
+        "step": np.arange(720) // 60, "bias_v": bias, "housing_temperature_c": rng.uniform(-5.0, 70.0, 720),
+        "n_frames": np.full(720, float(FRAMES)), "sim_signal_counts": np.full(720, 400.0),
+        "sim_signal_counts_std": np.full(720, 20.0),
+        "signal_counts": frames.mean(axis=1), "signal_counts_std": frames.std(axis=1, ddof=1),
+    }))  # fmt: skip
+    (finding,) = diagnose(made)[0].findings
+    assert finding.effect == "readout.noise_excess"
+    assert finding.where["bias_v"] == [125.0, 125.0]

@@ -36,7 +36,8 @@ class NoiseExcess(Effect):
     * growing: c = 2^((T − highest) / doubling).
     * split: one factor below and one above a knee of a temperature, the image or the ramp.
     * rising: c = max(x − knee, 0) / (highest − knee) of the range or another condition, or of its fall.
-    * while: c = 1 while something is switched on (a lamp, a heater) or a condition has one of its few names, else 0.
+    * while: c = 1 while something is switched on (a lamp, a heater) or a condition has one of its few names or values
+      (a bias), else 0.
     """
 
     id = "readout.noise_excess"
@@ -118,7 +119,8 @@ class NoiseExcess(Effect):
         """The noisier side of the knee, or where the switch is on."""
         if variant.options["condition"] == "while":
             switch = str(variant.options["column"])
-            return {switch: [str(variant.options["level"])] if view.is_category(switch) else [1.0, 1.0]}
+            level = str(variant.options["level"])
+            return {switch: [level] if view.is_category(switch) else [float(level)] * 2}
         if variant.options["condition"] == "rising":
             ends = float(values["knee"]), float(variant.options["reach"])
             return {str(variant.options["column"]): [min(ends), max(ends)]}
@@ -177,10 +179,19 @@ def _switches(view: View) -> list[tuple[str, str]]:
         elif 1 < len(labels) <= _MOST_STATES and np.bincount(codes[codes >= 0]).min() >= _FEWEST:
             found += [(name, label) for label in labels]
     for name, values in view.columns.numbers.items():
-        told = np.unique(values[np.isfinite(values)]) if view.varies(name) and unit_of(name) == "1" else values[:0]
-        if told.tolist() == [0.0, 1.0] and name not in _NO_SWITCH:
+        if not view.varies(name) or name in _NO_SWITCH:
+            continue
+        told, rows = np.unique(values[np.isfinite(values)], return_counts=True)
+        if told.tolist() == [0.0, 1.0] and unit_of(name) == "1":
             found.append((name, "1"))
+        elif _is_setting(view, name) and told.size < _FEWEST_LEVELS and rows.min() >= _FEWEST:
+            found += [(name, f"{level:g}") for level in told]
     return found
+
+
+def _is_setting(view: View, name: str) -> bool:
+    """Whether a column may be what somebody sets, to few values: a bias, an exposure."""
+    return name in view.covariates() and name not in _NO_CAUSE and not name.endswith(("_c", "_std"))
 
 
 _NO_CAUSE = ("azimuth_deg", "elevation_deg", "incidence_deg", "reflectance", "stage_angle_deg", "time_s", *_NO_SWITCH)
@@ -217,7 +228,7 @@ def _is_on(view: View, variant: Variant) -> BoolArray:
     column = str(variant.options["column"])
     if view.is_category(column):
         return view.selects(column, str(variant.options["level"]))
-    return np.asarray(view.number(column) == 1.0)
+    return np.isclose(view.number(column), float(variant.options["level"]), rtol=1e-5)
 
 
 def _beyond(variant: Variant, values: Values, view: View) -> FloatArray:
