@@ -18,6 +18,7 @@ from arl_fixtures.reconcile.effects_common import (
     set_light,
     signals,
 )
+from arl_fixtures.reconcile.effects_encoder import STAGE, turned_by
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation
 from arl_fixtures.reconcile.effects_planes import planes, smooth_part
 from arl_fixtures.reconcile.effects_pointing import (
@@ -29,6 +30,7 @@ from arl_fixtures.reconcile.effects_pointing import (
     ways_of_looking,
 )
 from arl_fixtures.reconcile.effects_rays import Pose
+from arl_fixtures.reconcile.effects_room import room_of
 from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
@@ -38,7 +40,8 @@ class Eccentricity(Effect):
     """D −= forward·cos ψ + right·sin ψ (times cos elevation), and the bearing turns by the sideways part over D.
 
     ψ is the azimuth for a sensor that sits off the axis and turns with it (`frame` sensor), or the bearing for a
-    scene whose centre is off the axis (`frame` bench). The signal follows 1/D².
+    scene whose centre is off the axis (`frame` bench). The signal follows 1/D². A head that turns round, on no stage,
+    carries its optical centre about by its azimuth (`frame` head).
     """
 
     id = "stage.eccentricity"
@@ -48,12 +51,18 @@ class Eccentricity(Effect):
     confusable = ("stage.zero_offset", "mount.tilt", "timing.clock_scale", "timing.tdc_nonlinearity")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """Off-centre in the sensor's frame or in the bench's."""
-        if not view.varies("stage_angle_deg") or scene(view) is None or not distances(view):
+        """Off-centre in the sensor's frame or in the bench's; of a head, in its own."""
+        found = scene(view)
+        if found is None or not distances(view) or not turned_by(view):
             return
+        frames: tuple[str, ...] = ("bench", "sensor")
+        if turned_by(view) != STAGE:
+            if room_of(view, found.sign) is None:
+                return
+            frames = ("head",)
         unit = unit_of(distances(view)[0])
         size = per_metre(unit)
-        for frame, way in product(("bench", "sensor"), ways_of_looking(view)):
+        for frame, way in product(frames, ways_of_looking(view)):
             if frame == "sensor" and not view.varies("azimuth_deg"):
                 continue
             yield Variant(
@@ -62,13 +71,14 @@ class Eccentricity(Effect):
                 parameters=tuple(amplitude(name, unit, -0.1 * size, 0.1 * size, 0.002 * size) for name in _AXES),
                 channels=scanned_channels(view),
                 rough=is_sharp(view) and not way,
-                drivers=("stage_angle_deg", "azimuth_deg")[: 2 if view.varies("azimuth_deg") else 1],
+                drivers=tuple(name for name in (STAGE, "azimuth_deg") if view.varies(name)),
             )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Moves the point of view."""
         forward, right = (float(values[name]) for name in _AXES)
-        if take_pose(view, state, _pose(variant, view, forward, right), whole=by_whole_pixels(variant)):
+        pose = None if variant.options["frame"] == "head" else _pose(variant, view, forward, right)
+        if pose is not None and take_pose(view, state, pose, whole=by_whole_pixels(variant)):
             return
         if look_from(view, state, *_in_the_room(variant, view, forward, right)):
             return
@@ -92,6 +102,8 @@ class Eccentricity(Effect):
 
     def expression(self, variant: Variant) -> str:
         """The law."""
+        if variant.options["frame"] == "head":
+            return "every channel = simulation from (forward, right) off the axis, turned about it by azimuth_deg"
         angle = "azimuth_deg" if variant.options["frame"] == "sensor" else "(azimuth_deg + stage_angle_deg)"
         return (
             f"distance -= forward * cos({angle}) + right * sin({angle}), signals as 1/distance^2, bearing by parallax"
@@ -100,7 +112,7 @@ class Eccentricity(Effect):
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Displacement in millimetres."""
         forward, right = (in_mm(float(values[name]), distances(view)[0]) for name in _AXES)
-        if variant.options["frame"] == "sensor":
+        if variant.options["frame"] != "bench":
             return (
                 f"The optical centre lies {forward:+.2f} mm forward and {right:+.2f} mm right of the rotation axis."
             )
@@ -132,11 +144,12 @@ def _pose(variant: Variant, view: View, forward: float, right: float) -> Pose:
 def _in_the_room(
     variant: Variant, view: View, forward: float, right: float
 ) -> tuple[FloatArray | float, FloatArray | float]:
-    """A displacement along bearing 0 and 90 degrees: the sensor's own turns with the stage."""
+    """A displacement along bearing 0 and 90 degrees: a sensor's own turns with the stage, a head's with its rays."""
     found = scene(view)
     if variant.options["frame"] == "bench" or found is None:
         return forward, right
-    turned = found.sign * np.radians(np.nan_to_num(view.number("stage_angle_deg")))
+    head = variant.options["frame"] == "head"
+    turned = np.radians(azimuth(view) if head else found.sign * np.nan_to_num(view.number(STAGE)))
     c, s = np.cos(turned), np.sin(turned)
     return forward * c - right * s, forward * s + right * c
 
