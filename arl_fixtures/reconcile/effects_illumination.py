@@ -21,6 +21,8 @@ _DEGREE = 4
 _GOOD_REST, _EXACT_REST = 0.03, 2e-3
 _PLAIN = ({(4, 0), (0, 4)}, {(2, 0), (0, 2)}, {(2, 0), (0, 2), (4, 0), (0, 4)})
 """Powers of simpler profiles, which are taken where they fit exactly: few pixels do not tell of all the others."""
+_STEEPEST = 8.0
+"""Logarithm by which no beam falls to the edge of an image."""
 _BEYOND = 1.6
 """Times the field of view up to which a simple profile goes on that fits exactly."""
 _AS_GOOD = 1.1
@@ -158,6 +160,12 @@ def _robust(matrix: FloatArray, target: FloatArray) -> tuple[FloatArray, float]:
     return solution, rest
 
 
+def _fall(terms: tuple[tuple[int, int], ...], coefficients: FloatArray) -> float:
+    """Logarithm by which a profile of even powers differs between the axis and the edge of the image."""
+    ends = [sum(c for term, c in zip(terms, coefficients, strict=False) if term[other] == 0) for other in (0, 1)]
+    return float(np.max(np.abs(ends)))
+
+
 def illumination(view: View, channel: str) -> Illumination | None:
     """Smooth profile of a simulated signal over azimuth and elevation (degrees); None without rays."""
     if not has_rays(view):
@@ -194,6 +202,8 @@ def _profile(view: View, channel: str, axes: tuple[Across, Across]) -> Illuminat
                 terms = tuple(term for term in every if term in plain)
                 basis = [np.ones(rows.size), *(x**i * y**j for i, j in terms)]
                 solution, rest = _robust(np.column_stack([*basis, *scenery]), target - known)
+                if set(terms) in _PLAIN and _fall(terms, solution[1:]) > _STEEPEST:
+                    continue  # two angles that the scene's own laws go along with
                 tried.append((rest, solution, terms))
                 if rest < _EXACT_REST:
                     break

@@ -17,6 +17,7 @@ from arl_fixtures.reconcile.effects_common import (
     top_signal,
     with_scatter,
 )
+from arl_fixtures.reconcile.effects_counting import counts_photons
 from arl_fixtures.reconcile.effects_frame import ranged_by
 from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
@@ -38,11 +39,15 @@ class Compression(Effect):
     confusable = ("detector.pile_up", "target.reflectance_error", "optics.veiling_glare")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """Per intensity channel: a limiter whose knee is free, a full well, a limiter that shifts the distance."""
+        """Per intensity channel: a limiter whose knee is free, a full well, a limiter that shifts the distance.
+
+        What counts photons one by one has but a hard limit: dead time bends it.
+        """
         for channel in signals(view):
             top = rounded(top_signal(view, channel))
-            knee = shape("sharpness", "1", 0.5, 12.0, 1.5, 5.0)
-            for kind, further in (("limiter", (knee,)), ("well", ())):
+            counted = counts_photons(view, channel)  # no charge and no voltage to be full of: a counter that is full
+            knee = shape("sharpness", "1", *((4.0, 12.0, 6.0) if counted else (0.5, 12.0, 1.5, 5.0)))
+            for kind, further in (("limiter", (knee,)), *(() if counted else (("well", ()),))):
                 yield Variant(
                     effect=self.id,
                     options={"channel": channel, "top": top, "kind": kind},
@@ -50,7 +55,7 @@ class Compression(Effect):
                     channels=with_scatter(view, channel),
                     drivers=(f"sim_{channel}",),
                 )
-            for distance in ranged_by(view, channel)[:1]:
+            for distance in () if counted else ranged_by(view, channel)[:1]:
                 size = per_metre(unit_of(distance))
                 shift = shape("shift", unit_of(distance), -5.0 * size, 5.0 * size, 0.05 * size, -0.05 * size)
                 yield Variant(

@@ -21,6 +21,7 @@ from arl_fixtures.reconcile.effects_common import (
     top_signal,
     with_scatter,
 )
+from arl_fixtures.reconcile.effects_counting import counts_photons
 from arl_fixtures.reconcile.effects_frame import ranged_by
 from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
@@ -31,7 +32,8 @@ class PileUp(Effect):
 
     * dead time: q(x) = exp(−paralysis·x) / (1 + (1 − paralysis)·x), a detector that recovers on its own (0) or starts
       its dead time anew with every photon (1).
-    * pulse: q(x) = (1 − exp(−x)) / x, a detector that fires once a laser pulse, x photons per pulse.
+    * pulse: q(x) = (1 − exp(−x)) / x, a detector that fires once a laser pulse, x photons per pulse; of what counts
+      photons for sure also without a pull.
 
     Where exposures vary, x goes with the light that comes in a second: I over the exposure.
     Where the background's light varies, also with exp(−blocked·b / b_top): what it has fired is blind to the pulse.
@@ -66,7 +68,9 @@ class PileUp(Effect):
                 ("dead time", "", [recovery, *widths]), ("pulse", "", [*widths, *tails]),
                 *([("background", "", [*widths, *tails])] if background else []),
                 *([("dead time", spent, [recovery, *widths]), ("pulse", spent, [*widths, *tails])] if spent else []),
+                *([("pulse", "", [])] if moved and counts_photons(view, channel) else []),
             ):  # fmt: skip
+                pulled = moved if further else []
                 blocked = [amplitude("blocked", "1", 0.0, 20.0, 0.1)] if kind == "background" else []
                 behind: dict[str, Option] = (
                     {"background": background, "brightest": rounded(view.span(background)[1])} if blocked else {}
@@ -75,7 +79,7 @@ class PileUp(Effect):
                     effect=self.id,
                     options={
                         "channel": channel,
-                        "distance": moved[0] if moved else "",
+                        "distance": pulled[0] if pulled else "",
                         "top": rounded(top_signal(view, channel)),
                         "kind": kind,
                         **({"exposure": exposure, "brightest_rate": _top_rate(view, channel, exposure)}
@@ -83,7 +87,7 @@ class PileUp(Effect):
                         **behind,
                     },
                     parameters=(amplitude("load", "1", 0.0, 50.0, 0.2), *blocked, *further),
-                    channels=tuple(dict.fromkeys((*moved, *with_scatter(view, channel)))),
+                    channels=tuple(dict.fromkeys((*pulled, *with_scatter(view, channel)))),
                     drivers=(f"sim_{channel}", *filter(None, (exposure, background if blocked else ""))),
                 )
 
