@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from arl_fixtures.reconcile.channel_data import ChannelData
+from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import Effect, Kind, State, Variant
 from arl_fixtures.reconcile.followed import condition_of
 from arl_fixtures.reconcile.problem import Problem
@@ -23,6 +24,8 @@ LEAST_SHARED = 0.3
 neighbouring pixels' noise has in common."""
 LARGE_WITHIN = 2.0
 """Row errors from which what images or angles share within a step is told, though single frames scatter by more."""
+EVERYWHERE, NORMAL_QUARTILE = 0.6, 0.6745
+"""Share of a scatter that the median of what groups are off by must show, as a normal law would."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,6 +48,14 @@ class Scatter:
     value: float
     half_width: float
     driver: str
+
+
+def _is_everywhere(partial: Whitener, residual: FloatArray, name: str, tau: float) -> bool:
+    """Whether most groups are off by about as much as a scatter says: what is off at a few edges is no scatter."""
+    sums, weight = partial.group_sums(residual, name)
+    mean = sums[weight > 0.0] / weight[weight > 0.0]
+    usual = float(np.median(np.abs(mean - np.median(mean)))) / NORMAL_QUARTILE
+    return usual > EVERYWHERE * tau
 
 
 def find_scatter(problem: Problem, effects: Sequence[Effect], state: State) -> list[Scatter]:
@@ -84,7 +95,8 @@ def _scatter_of(
     alone = data.stated * data.spread
     told = float(np.quantile(tau * level.scale / alone, 0.9))
     small = size < float(np.median(alone * np.sqrt(np.maximum(problem.view.frames()[data.use], 1.0))))
-    small = small and not (group != "step" and told > LARGE_WITHIN)  # a table can declare what steps share only
+    if small and group != "step" and told > LARGE_WITHIN:  # a table can declare what steps share only
+        small = not _is_everywhere(partial, data.residual(state), level.name, tau)
     driver = condition_of(problem, data, group, state, strict=small and not declared)
     if effect.common:  # of single frames, each of one pulse: nothing else needs to be said of what they share
         driver = ""
