@@ -326,7 +326,11 @@ class Search:
         return rank(self.full, self.small, base, candidates)
 
 
-def _simplest(ranked: Ranked) -> tuple[bool, int, float, str]:
-    """Order of candidates that explain as much; equal ones in the order of their names, not of rounding errors."""
-    term = ranked.candidate.term
-    return drives_another_part(term), ranked.candidate.free, -round(ranked.gain, 1), term.effect.id
+def _simplest(ranked: Ranked) -> tuple[bool, int, int, int, float, str]:
+    """Order of candidates that explain as much: what asks few numbers, then few columns.
+
+    Equal ones stand in the order of their names, not of rounding errors.
+    """
+    term, gain = ranked.candidate.term, ranked.gain
+    drivers = len(term.variant.drivers)
+    return drives_another_part(term), ranked.candidate.free, -round(gain), drivers, -round(gain, 1), term.effect.id
