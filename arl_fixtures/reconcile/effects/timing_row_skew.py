@@ -32,6 +32,7 @@ class RowSkew(Effect):
 
     id = "timing.row_skew"
     stage = Stage.TIMING
+    exact = True
     source = "delay of a stop or clock line along the array; 1 ps is 0.150 mm of range"
     confusable = ("mount.tilt", "readout.column_pattern", "stage.eccentricity")
 
