@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 from arl_fixtures.reconcile.columns import Channel, FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.mixed_model import UnitConstants
-from arl_fixtures.reconcile.noise import Level, beside_steps, by_size, fit_tau, less_constants, scale_of, surprise
+from arl_fixtures.reconcile.noise import (
+    Level,
+    beside_steps,
+    fit_tau,
+    less_constants,
+    scale_of,
+    share_more_than_stated,
+    surprise,
+    turned,
+)
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.whitener import Whitener
 
@@ -151,10 +160,13 @@ class ChannelData:
             self.relate_to(scale_of(state[self.channel.name][self.use]))
             self.rebuild(self.tau)
 
-    def order_levels(self) -> bool:
-        """Whiten the larger of crossed scatters first; tells whether that changes the order."""
-        before, self.levels = self.levels, by_size(self.levels, self.tau)
-        return any(a is not b for a, b in zip(before, self.levels, strict=True))
+    def order_levels(self, residual: FloatArray) -> bool:
+        """Whiten levels in the order in which a residual is likelier; tells whether that is another one."""
+        other = turned(self.levels)
+        if self.fit_scatter(residual)[0] <= self._fit_in_order(self.levels, residual, 0.0, ())[0]:
+            return False
+        self.levels = other
+        return True
 
     def relate_to(self, scale: FloatArray) -> None:
         """Let gains and what groups share be parts of other values: of two kinds, they would differ by any curve."""
@@ -254,10 +266,10 @@ class ChannelData:
         self, residual: FloatArray, lost: float, without: tuple[str, ...]
     ) -> tuple[float, dict[str, float]]:
         found = self._fit_in_order(self.levels, residual, lost, without)
-        ordered = by_size(self.levels, found[1])  # another residual's scatters are of other sizes
-        if all(a is b for a, b in zip(ordered, self.levels, strict=True)):
-            return found
-        return max(found, self._fit_in_order(ordered, residual, lost, without), key=lambda fitted: fitted[0])
+        if not share_more_than_stated(self.levels, found[1]):
+            return found  # nothing that passes for another level's
+        other = self._fit_in_order(turned(self.levels), residual, lost, without)
+        return max(found, other, key=lambda fitted: fitted[0])
 
     def _fit_in_order(
         self, levels: tuple[Level, ...], residual: FloatArray, lost: float, without: tuple[str, ...]

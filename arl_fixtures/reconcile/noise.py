@@ -113,23 +113,24 @@ NESTED = ("frame", "step")
 """Levels of which the groups of the one lie within those of the other."""
 
 
-def by_size(levels: tuple[Level, ...], tau: dict[str, float]) -> tuple[Level, ...]:
-    """Levels in the order in which they are best whitened: those that cross steps first, or steps and their images if
-    these share more.
+def turned(levels: tuple[Level, ...]) -> tuple[Level, ...]:
+    """Levels in the other order in which they may be whitened: those that cross steps before these, or after.
 
-    Where rows are missing a group of one kind sees more of one of another: what the larger scatter leaves in the sums
-    of the smaller one would pass for it (a stage angle that two steps lack, for how these are off).
+    Where rows are missing a group of one kind sees more of one of another: what is whitened first passes for what
+    comes after it (a stage angle that two steps lack, for how these are off; a pixel, for the images that hold it).
     """
+    crossed = tuple(level for level in levels if level.name in CROSSED)
+    nested = tuple(level for level in levels if level.name in NESTED)
+    rest = tuple(level for level in levels if level.name not in (*CROSSED, *NESTED))
+    first = next((level.name for level in levels if level.name in (*CROSSED, *NESTED)), "")
+    return (*rest, *nested, *crossed) if first in CROSSED else (*rest, *crossed, *nested)
 
-    def size(names: tuple[str, ...]) -> float:
-        scatters = [max(tau.get(v.name, 0.0), v.floor) * float(np.median(v.scale)) for v in levels if v.name in names]
-        return max(scatters, default=0.0)
 
-    crossed = [level for level in levels if level.name in CROSSED]
-    nested = [level for level in levels if level.name in NESTED]
-    rest = [level for level in levels if level.name not in (*CROSSED, *NESTED)]
-    pair = (nested, crossed) if size(NESTED) > size(CROSSED) else (crossed, nested)
-    return (*rest, *pair[0], *pair[1])
+def share_more_than_stated(levels: tuple[Level, ...], tau: dict[str, float]) -> bool:
+    """Whether those of the levels that are whitened first hold any scatter beyond their floors."""
+    first = next((level.name for level in levels if level.name in (*CROSSED, *NESTED)), "")
+    names = CROSSED if first in CROSSED else NESTED
+    return any(tau.get(v.name, 0.0) > v.floor for v in levels if v.name in names)
 
 
 def ordered_like(other: tuple[Level, ...], levels: tuple[Level, ...]) -> tuple[Level, ...]:

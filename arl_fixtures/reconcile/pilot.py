@@ -124,7 +124,7 @@ class Looker:
             _allow_for_tails(data, data.residual(state))
             _, tau = data.fit_scatter(data.residual(state))
             data.rebuild(tau)
-            if data.order_levels():
+            if data.order_levels(data.residual(state)):
                 data.rebuild(data.fit_scatter(data.residual(state))[1])
             if data.spread < 1.5 and data.trust.min() == 1.0:
                 break

@@ -61,7 +61,7 @@ class Whitener:
 
     Args:
         root_weight: 1 / standard error of each row (0 = row does not count).
-        levels: `frame` before `step`; before or after both the crossed ones (see `by_size`).
+        levels: `frame` before `step`; before or after both the crossed ones (see `turned`).
         tau: level name to scatter in units of the level's scale.
     """
 

@@ -72,3 +72,15 @@ def by_generalised_least_squares(d: ChannelData, change, residual):
 def test_images_that_scatter_by_less_than_their_rows_are_none():
     columns = flickering(4, of_images=0.002, of_pixels=0.0)
     assert diagnose(columns, effects=[library()[name] for name in NAMES])[0].findings == []
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_channel_is_as_likely_in_whichever_order_its_scatters_are_told(seed):
+    """Else a name gains by what it lets the scatters of another channel do."""
+    problem = Search(flickering(seed, of_images=0.006, of_pixels=0.002), []).full
+    (d,), residual = problem.data, problem.data[0].residual(problem.view.fresh_state())
+    likelihood = {}
+    for first in ({"frame", "step"}, {"pixel", "angle"}):
+        d.levels = tuple(sorted(d.levels, key=lambda level: level.name not in first))
+        likelihood[min(first)] = [d.fit_scatter(residual, lost=lost)[0] for lost in (0.0, 3.0)]
+    assert likelihood["frame"] == pytest.approx(likelihood["angle"], abs=1e-6)
