@@ -14,8 +14,11 @@ RAILS = ("rail_1v0_v", "rail_1v8_v", "rail_3v3_v", "rail_5v0_v", "rail_12v0_v")
 NAMES = ("electronics.rail_coupling", "bench.repeatability", "detector.pixel_response", "detector.gain_temperature")
 
 
-def flickering(seed, *, of_images, of_pixels=0.005):
-    """Light of 26 pixels of two devices at five angles of eight steps; every image, and every pixel, is off."""
+def flickering(seed, *, of_images, of_pixels=0.005, held=1.0):
+    """Light of 26 pixels of two devices at five angles of eight steps; every image, and every pixel, is off.
+
+    A share of the rows is held.
+    """
     rng = np.random.default_rng(seed)
     axes = np.meshgrid(np.arange(2), np.arange(8), np.arange(5), np.arange(26), indexing="ij")
     dut, step, angle, pixel = (a.ravel() for a in axes)
@@ -32,7 +35,8 @@ def flickering(seed, *, of_images, of_pixels=0.005):
         "intensity_counts": light * (1.0 + off) + error / np.sqrt(5.0) * rng.normal(size=pixel.size),
     }  # fmt: skip
     table |= {name: float(name[5:-2].replace("v", ".")) + 1e-3 * rng.normal(size=80)[image] for name in RAILS}
-    return columns_of(pa.table(table))
+    some = np.random.default_rng(seed).random(pixel.size) < held
+    return columns_of(pa.table({name: values[some] for name, values in table.items()}))
 
 
 @pytest.mark.parametrize("seed", [2, 3, 4])
@@ -77,7 +81,7 @@ def test_images_that_scatter_by_less_than_their_rows_are_none():
 @pytest.mark.parametrize("seed", range(4))
 def test_a_channel_is_as_likely_in_whichever_order_its_scatters_are_told(seed):
     """Else a name gains by what it lets the scatters of another channel do."""
-    problem = Search(flickering(seed, of_images=0.006, of_pixels=0.002), []).full
+    problem = Search(flickering(seed, of_images=0.006, of_pixels=0.002, held=0.2), []).full
     (d,), residual = problem.data, problem.data[0].residual(problem.view.fresh_state())
     likelihood = {}
     for first in ({"frame", "step"}, {"pixel", "angle"}):
