@@ -16,6 +16,7 @@ from arl_fixtures.reconcile.noise import (
     Level,
     beside_steps,
     fit_tau,
+    is_largest_first,
     less_constants,
     scale_of,
     share_more_than_stated,
@@ -161,12 +162,10 @@ class ChannelData:
             self.rebuild(self.tau)
 
     def order_levels(self, residual: FloatArray) -> bool:
-        """Whiten levels in the order in which a residual is likelier; tells whether that is another one."""
-        other = turned(self.levels)
-        if self.fit_scatter(residual)[0] <= self._fit_in_order(self.levels, residual, 0.0, ())[0]:
-            return False
-        self.levels = other
-        return True
+        """Whiten levels in the order in which a residual is told best; tells whether that is another one."""
+        levels = self._told_best(residual, 0.0, ())[0]
+        before, self.levels = self.levels, levels
+        return before is not levels
 
     def relate_to(self, scale: FloatArray) -> None:
         """Let gains and what groups share be parts of other values: of two kinds, they would differ by any curve."""
@@ -265,11 +264,19 @@ class ChannelData:
     def _fit_scatter(
         self, residual: FloatArray, lost: float, without: tuple[str, ...]
     ) -> tuple[float, dict[str, float]]:
+        return self._told_best(residual, lost, without)[1]
+
+    def _told_best(
+        self, residual: FloatArray, lost: float, without: tuple[str, ...]
+    ) -> tuple[tuple[Level, ...], tuple[float, dict[str, float]]]:
+        """Levels in the order that suits the scatters that it finds, the likelier if both do; and what it finds."""
         found = self._fit_in_order(self.levels, residual, lost, without)
         if not share_more_than_stated(self.levels, found[1]):
-            return found  # nothing that passes for another level's
-        other = self._fit_in_order(turned(self.levels), residual, lost, without)
-        return max(found, other, key=lambda fitted: fitted[0])
+            return self.levels, found  # nothing that passes for another level's
+        other = turned(self.levels)
+        ways = [(self.levels, found), (other, self._fit_in_order(other, residual, lost, without))]
+        suited = [(levels, fitted) for levels, fitted in ways if is_largest_first(levels, fitted[1])]
+        return max(suited or ways, key=lambda way: way[1][0])
 
     def _fit_in_order(
         self, levels: tuple[Level, ...], residual: FloatArray, lost: float, without: tuple[str, ...]

@@ -126,6 +126,17 @@ def turned(levels: tuple[Level, ...]) -> tuple[Level, ...]:
     return (*rest, *nested, *crossed) if first in CROSSED else (*rest, *crossed, *nested)
 
 
+def is_largest_first(levels: tuple[Level, ...], tau: dict[str, float]) -> bool:
+    """Whether the larger scatter is whitened first: in the other order what it leaves passes for the smaller one."""
+
+    def size(names: tuple[str, ...]) -> float:
+        scatters = [max(tau.get(v.name, 0.0), v.floor) * float(np.median(v.scale)) for v in levels if v.name in names]
+        return max(scatters, default=0.0)
+
+    first = next((level.name for level in levels if level.name in (*CROSSED, *NESTED)), "")
+    return (size(CROSSED) >= size(NESTED)) if first in CROSSED else (size(NESTED) >= size(CROSSED))
+
+
 def share_more_than_stated(levels: tuple[Level, ...], tau: dict[str, float]) -> bool:
     """Whether those of the levels that are whitened first hold any scatter beyond their floors."""
     first = next((level.name for level in levels if level.name in (*CROSSED, *NESTED)), "")
