@@ -30,6 +30,9 @@ ZERO_SHARE = 0.02
 """Standard deviation of a calibrated signal's zero beside an effect, as a share of the median signal."""
 CALIBRATED = (Role.INTENSITY, Role.DISTANCE)
 """Roles whose gain or offset a user calibrates per unit: a constant of theirs carries no finding."""
+SUITED = 4.0
+"""Log-likelihood by which an order of scatters must be likelier than one in which the larger comes first: each is
+approximate, and a little likelihood may be what it takes too little of."""
 _Fitted = tuple[float, dict[str, float], tuple[Level, ...]]  # likelihood, scatters, and the levels of these
 
 
@@ -269,14 +272,13 @@ class ChannelData:
     def _told_best(
         self, residual: FloatArray, lost: float, without: tuple[str, ...]
     ) -> tuple[tuple[Level, ...], tuple[float, dict[str, float]]]:
-        """Levels in the order that suits the scatters that it finds, the likelier if both do; and what it finds."""
+        """Levels in the likelier order, or in that which suits the scatters that it finds if it is as likely."""
         found = self._fit_in_order(self.levels, residual, lost, without)
         if not share_more_than_stated(self.levels, found[1]):
             return self.levels, found  # nothing that passes for another level's
         other = turned(self.levels)
         ways = [(self.levels, found), (other, self._fit_in_order(other, residual, lost, without))]
-        suited = [(levels, fitted) for levels, fitted in ways if is_largest_first(levels, fitted[1])]
-        return max(suited or ways, key=lambda way: way[1][0])
+        return max(ways, key=lambda way: way[1][0] + SUITED * is_largest_first(way[0], way[1][1]))
 
     def _fit_in_order(
         self, levels: tuple[Level, ...], residual: FloatArray, lost: float, without: tuple[str, ...]
