@@ -166,7 +166,7 @@ def nothing_is_lost(ended: Ended, files: SessionFiles) -> None:
     assert bags == named, "every whole bag belongs to a finished step"
 
 
-@settings(max_examples=24, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True)
+@settings(max_examples=36, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True)
 @given(st.lists(faults(), max_size=4))
 @example(EXAMPLES[0])
 @example(EXAMPLES[1])

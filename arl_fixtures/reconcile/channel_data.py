@@ -33,7 +33,8 @@ CALIBRATED = (Role.INTENSITY, Role.DISTANCE)
 SUITED = 4.0
 """Log-likelihood by which an order of scatters must be likelier than one in which the larger comes first: each is
 approximate, and a little likelihood may be what it takes too little of."""
-_Fitted = tuple[float, dict[str, float], tuple[Level, ...]]  # likelihood, scatters, and the levels of these
+_Levels = tuple[Level, ...]
+_Fitted = tuple[float, dict[str, float], _Levels, _Levels]  # likelihood, scatters, the levels, their best order
 
 
 @dataclass(slots=True, kw_only=True)
@@ -166,9 +167,8 @@ class ChannelData:
 
     def order_levels(self, residual: FloatArray) -> bool:
         """Whiten levels in the order in which a residual is told best; tells whether that is another one."""
-        levels = self._told_best(residual, 0.0, ())[0]
-        before, self.levels = self.levels, levels
-        return before is not levels
+        before, self.levels = self.levels, self._told(residual, 0.0, ())[-1]
+        return any(a is not b for a, b in zip(before, self.levels, strict=True))
 
     def relate_to(self, scale: FloatArray) -> None:
         """Let gains and what groups share be parts of other values: of two kinds, they would differ by any curve."""
@@ -252,11 +252,15 @@ class ChannelData:
         Returns:
             log-likelihood (up to a constant of the channel), scatters. The whitener is left as it was.
         """
+        likelihood, tau, *_ = self._told(residual, lost, without)
+        return likelihood, dict(tau)
+
+    def _told(self, residual: FloatArray, lost: float, without: tuple[str, ...]) -> _Fitted:
         key = self._digest(residual), lost, without, self.free_constant, self.tails, tuple(map(id, self.levels))
         if key not in self._fitted:
-            self._fitted[key] = *self._fit_scatter(residual, lost, without), self.levels  # whose ids stay taken
-        likelihood, tau, _ = self._fitted[key]
-        return likelihood, dict(tau)
+            found, order = self._told_best(residual, lost, without)
+            self._fitted[key] = *found, self.levels, order  # the levels' ids stay taken
+        return self._fitted[key]
 
     def _digest(self, residual: FloatArray) -> bytes:
         found = blake2b(residual.tobytes())
@@ -264,24 +268,19 @@ class ChannelData:
             found.update(part.tobytes())
         return found.digest()
 
-    def _fit_scatter(
-        self, residual: FloatArray, lost: float, without: tuple[str, ...]
-    ) -> tuple[float, dict[str, float]]:
-        return self._told_best(residual, lost, without)[1]
-
     def _told_best(
         self, residual: FloatArray, lost: float, without: tuple[str, ...]
-    ) -> tuple[tuple[Level, ...], tuple[float, dict[str, float]]]:
-        """Levels in the likelier order, or in that which suits the scatters that it finds if it is as likely."""
+    ) -> tuple[tuple[float, dict[str, float]], _Levels]:
+        """What the likelier order of the levels finds, or that which suits what it finds if it is as likely."""
         found = self._fit_in_order(self.levels, residual, lost, without)
         if not share_more_than_stated(self.levels, found[1]):
-            return self.levels, found  # nothing that passes for another level's
+            return found, self.levels  # nothing that passes for another level's
         other = turned(self.levels)
-        ways = [(self.levels, found), (other, self._fit_in_order(other, residual, lost, without))]
-        return max(ways, key=lambda way: way[1][0] + SUITED * is_largest_first(way[0], way[1][1]))
+        ways = [(found, self.levels), (self._fit_in_order(other, residual, lost, without), other)]
+        return max(ways, key=lambda way: way[0][0] + SUITED * is_largest_first(way[1], way[0][1]))
 
     def _fit_in_order(
-        self, levels: tuple[Level, ...], residual: FloatArray, lost: float, without: tuple[str, ...]
+        self, levels: _Levels, residual: FloatArray, lost: float, without: tuple[str, ...]
     ) -> tuple[float, dict[str, float]]:
         tau: dict[str, float] = {}
         whitener = Whitener(self.root_weight, (), {})

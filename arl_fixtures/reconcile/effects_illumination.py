@@ -23,8 +23,8 @@ _PLAIN = ({(4, 0), (0, 4)}, {(2, 0), (0, 2)}, {(2, 0), (0, 2), (4, 0), (0, 4)})
 """Powers of simpler profiles, which are taken where they fit exactly: few pixels do not tell of all the others."""
 _STEEPEST = 8.0
 """Logarithm by which no beam falls to the edge of an image."""
-_BEYOND = 1.6
-"""Times the field of view up to which a simple profile goes on that fits exactly."""
+_KNOWN_TO, _BEYOND = 1.1, 1.6
+"""Times the field of view up to which a profile is known, and a simple one that fits exactly."""
 _AS_GOOD = 1.1
 """Times what the best profile leaves, up to which a simpler one is taken: where the scene leaves much more than any
 profile's shape, that of many powers is the scene's."""
@@ -43,7 +43,7 @@ class Illumination:
     coefficients: FloatArray
     reach_az: float
     reach_el: float
-    known_to: float = 1.1
+    known_to: float = _KNOWN_TO
 
     def log(self, azimuth: FloatArray, elevation: FloatArray) -> FloatArray:
         """ln of the profile, held beyond `known_to` times the field of view."""
@@ -162,7 +162,7 @@ def _robust(matrix: FloatArray, target: FloatArray) -> tuple[FloatArray, float]:
 
 def _fall(terms: tuple[tuple[int, int], ...], coefficients: FloatArray) -> float:
     """Logarithm by which a profile of even powers differs between the axis and the edge of the image."""
-    ends = [sum(c for term, c in zip(terms, coefficients, strict=False) if term[other] == 0) for other in (0, 1)]
+    ends = [sum(c for term, c in zip(terms, coefficients, strict=True) if term[other] == 0) for other in (0, 1)]
     return float(np.max(np.abs(ends)))
 
 
@@ -202,7 +202,7 @@ def _profile(view: View, channel: str, axes: tuple[Across, Across]) -> Illuminat
                 terms = tuple(term for term in every if term in plain)
                 basis = [np.ones(rows.size), *(x**i * y**j for i, j in terms)]
                 solution, rest = _robust(np.column_stack([*basis, *scenery]), target - known)
-                if set(terms) in _PLAIN and _fall(terms, solution[1:]) > _STEEPEST:
+                if set(terms) in _PLAIN and _fall(terms, solution[1 : len(terms) + 1]) > _STEEPEST:
                     continue  # two angles that the scene's own laws go along with
                 tried.append((rest, solution, terms))
                 if rest < _EXACT_REST:
@@ -212,7 +212,7 @@ def _profile(view: View, channel: str, axes: tuple[Across, Across]) -> Illuminat
                 rest, solution, terms = next(t for t in tried if t[0] <= _AS_GOOD * least)
             if rest < _GOOD_REST:
                 break
-        known_to = _BEYOND if rest < _EXACT_REST and set(terms) in _PLAIN else 1.1
+        known_to = _BEYOND if rest < _EXACT_REST and set(terms) in _PLAIN else _KNOWN_TO
         return Illumination(terms, solution[1 : len(terms) + 1], reach_az, reach_el, known_to)
 
     return per_table(view, ("illumination", channel, axes), make)

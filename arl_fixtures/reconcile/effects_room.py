@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, signals
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column, turns_round
 from arl_fixtures.reconcile.effects_planes import directions
-from arl_fixtures.reconcile.effects_still import ALIKE, apart
+from arl_fixtures.reconcile.effects_still import ALIKE, apart, both
 from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]
@@ -36,7 +36,7 @@ _FEWEST_ON_SURFACE, _SPREAD, _ONE_PLANE = 6, 0.03, 0.7
 `_FLAT`, and the share of them that must lie on one plane."""
 _LEAST_SPREAD = 1e-3
 """Extent of directions below which even exact ranges tell nothing."""
-_MOVED_BETWEEN: tuple[tuple[str, ...], ...] = ((), ("step",), ("cycle", "step"))
+_MOVED_BETWEEN: tuple[tuple[str, ...], ...] = (("step",), ("cycle", "step"))
 """Columns between whose values a scanner may have been moved, those tried first that part a table least."""
 _LEVEL = 5e-3
 """Difference of cos(incidence) and sin(elevation) up to which a ray meets a floor or a ceiling."""
@@ -94,10 +94,10 @@ def changes_in_room(
     found: dict[str, FloatArray] = {}
     for name, slopes in room.slopes.items():
         own, other = slopes[view.rows], room.beyond[name][view.rows]
-        apart = [1.0 if shift is None else 1.0 - np.sum(m * shift, axis=1) for m in (own, other)]
+        nearer = [1.0 if shift is None else 1.0 - np.sum(m * shift, axis=1) for m in (own, other)]
         with np.errstate(invalid="ignore", divide="ignore"):
             facing, facing_other = np.sum(own * there, axis=1), np.sum(other * there, axis=1)
-            mine, theirs = facing / apart[0], facing_other / apart[1]
+            mine, theirs = facing / nearer[0], facing_other / nearer[1]
             over = (theirs - mine) * room.fold[view.rows] > 0.0
             before = np.sum(own * here, axis=1)
             ratio = before / np.where(over, theirs, mine)
@@ -159,8 +159,16 @@ def _places(view: View, rays: FloatArray, far: FloatArray) -> tuple[IntArray, In
     """
     seen = np.isfinite(far) & (far > 0.0)
     log = np.log(np.where(seen, far, 1.0))
-    ways = [(place, _alike(place, rays)) for place in (view.columns.group("dut", *more) for more in _MOVED_BETWEEN)]
-    return next((way for way in ways if seen.any() and apart(way[1], log, seen) <= ALIKE), ways[0])
+    still = view.columns.group("dut")
+    first = _alike(still, rays)
+    if not seen.any() or apart(first, log, seen) <= ALIKE:
+        return still, first
+    for moved in _MOVED_BETWEEN:
+        place = view.columns.group("dut", *moved)
+        code = _alike(place, rays)
+        if apart(code, log, seen) <= ALIKE:
+            return place, code
+    return still, first
 
 
 def _alike(place: IntArray, rays: FloatArray) -> IntArray:
@@ -258,7 +266,7 @@ def _of_surfaces(
     table = view.columns
     if "surface" not in table.categories:
         return slope
-    code = np.unique(np.column_stack([place, table.group("surface")[rows]]), axis=0, return_inverse=True)[1].ravel()
+    code = both(place, table.group("surface")[rows])
     found = slope.copy()
     for surface in np.unique(code):
         of_it = np.flatnonzero((code == surface) & np.isfinite(target))

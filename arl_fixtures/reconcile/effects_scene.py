@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from arl_fixtures.reconcile.effects_common import distances, per_table, signals
 from arl_fixtures.reconcile.effects_footprint import cells_of, with_edges
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column
-from arl_fixtures.reconcile.effects_still import BEYOND_DEG, scenes_shown, smooth_curves
+from arl_fixtures.reconcile.effects_still import BEYOND_DEG, both, scenes_shown, smooth_curves
 from arl_fixtures.reconcile.effects_sweep import bend_of_sweeps
 from arl_fixtures.reconcile.view import View
 
@@ -95,8 +95,8 @@ def _make_scene(view: View) -> Scene | None:
         bearing = bearing + BEYOND_DEG
     line = _lines(view, bearing) if rays else table.group("dut", "pixel_u", "pixel_v")
     shown = np.zeros(table.n, dtype=np.int64) if moving else scenes_shown(view)
-    line = _combined(line, shown)
-    device = _first_of(line, _combined(table.group("dut"), shown))
+    line = both(line, shown)
+    device = _first_of(line, both(table.group("dut"), shown))
     lines = int(line.max()) + 1
     step = max(_FINEST_DEG, (float(bearing.max()) + BEYOND_DEG * still) * lines / _CELLS)
     height = np.bincount(line, el, lines) / np.maximum(np.bincount(line, minlength=lines), 1)
@@ -247,14 +247,14 @@ def _lines(view: View, bearing: FloatArray) -> IntArray:
         column = np.nan_to_num(table.numbers["pixel_u"] - np.nanmin(table.numbers["pixel_u"]))
         for width in _BLOCKS:
             if width < float(column.max()):
-                line = _combined(row, column // width)
+                line = both(row, (column // width).astype(np.int64))
                 if _gap(line, bearing) < close:
                     return line
     if _gap(row, bearing) < whole or "pixel_v" not in table.numbers:
         return row
     height = np.nan_to_num(table.numbers["pixel_v"] - np.nanmin(table.numbers["pixel_v"]))
     for width in (4, 8):
-        line = _combined(device, height // width)
+        line = both(device, (height // width).astype(np.int64))
         if _gap(line, bearing) < 2.5 * close:
             return line
     return device
@@ -268,11 +268,6 @@ def pixel_width(view: View) -> FloatArray:
     mean = np.bincount(index, ray_column(view, "azimuth_deg")) / count
     slope = np.gradient(mean, known) if known.size > 1 else np.ones(1)
     return np.asarray(np.abs(slope)[index])
-
-
-def _combined(group: IntArray, part: FloatArray | IntArray) -> IntArray:
-    code: IntArray = np.unique(group * (int(part.max()) + 1) + part.astype(np.int64), return_inverse=True)[1]
-    return code.astype(np.int64)
 
 
 def _gap(line: IntArray, bearing: FloatArray) -> float:

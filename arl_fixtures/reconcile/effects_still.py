@@ -39,7 +39,7 @@ def scenes_shown(view: View) -> IntArray:
     pixel = table.group("dut", "pixel_u", "pixel_v")
     if apart(pixel, log, good) <= ALIKE:
         return none
-    scene = next((code for code in _told(view) if apart(_both(code, pixel), log, good) <= ALIKE), None)
+    scene = next((code for code in _told(view) if apart(both(code, pixel), log, good) <= ALIKE), None)
     if scene is None:
         return none
     count = int(scene.max()) + 1
@@ -58,7 +58,8 @@ def _told(view: View) -> Iterator[IntArray]:
         yield table.group(name)
 
 
-def _both(one: IntArray, other: IntArray) -> IntArray:
+def both(one: IntArray, other: IntArray) -> IntArray:
+    """Code of the pairs of two codes, 0…k−1."""
     return np.asarray(np.unique(one * (int(other.max()) + 1) + other, return_inverse=True)[1], dtype=np.int64)
 
 

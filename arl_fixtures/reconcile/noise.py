@@ -119,29 +119,31 @@ def turned(levels: tuple[Level, ...]) -> tuple[Level, ...]:
     Where rows are missing a group of one kind sees more of one of another: what is whitened first passes for what
     comes after it (a stage angle that two steps lack, for how these are off; a pixel, for the images that hold it).
     """
-    crossed = tuple(level for level in levels if level.name in CROSSED)
-    nested = tuple(level for level in levels if level.name in NESTED)
-    rest = tuple(level for level in levels if level.name not in (*CROSSED, *NESTED))
+    first, second = _in_order(levels)
+    rest = (level for level in levels if level.name not in (*CROSSED, *NESTED))
+    return (*rest, *second, *first)
+
+
+def _in_order(levels: tuple[Level, ...]) -> tuple[list[Level], list[Level]]:
+    """The levels of the kind that is whitened first, and those of the other."""
+    crossed, nested = ([level for level in levels if level.name in names] for names in (CROSSED, NESTED))
     first = next((level.name for level in levels if level.name in (*CROSSED, *NESTED)), "")
-    return (*rest, *nested, *crossed) if first in CROSSED else (*rest, *crossed, *nested)
+    return (crossed, nested) if first in CROSSED else (nested, crossed)
 
 
 def is_largest_first(levels: tuple[Level, ...], tau: dict[str, float]) -> bool:
     """Whether the larger scatter is whitened first: in the other order what it leaves passes for the smaller one."""
 
-    def size(names: tuple[str, ...]) -> float:
-        scatters = [max(tau.get(v.name, 0.0), v.floor) * float(np.median(v.scale)) for v in levels if v.name in names]
-        return max(scatters, default=0.0)
-
-    first = next((level.name for level in levels if level.name in (*CROSSED, *NESTED)), "")
-    return (size(CROSSED) >= size(NESTED)) if first in CROSSED else (size(NESTED) >= size(CROSSED))
+    first, second = (
+        max((max(tau.get(v.name, 0.0), v.floor) * float(np.median(v.scale)) for v in kind), default=0.0)
+        for kind in _in_order(levels)
+    )
+    return first >= second
 
 
 def share_more_than_stated(levels: tuple[Level, ...], tau: dict[str, float]) -> bool:
     """Whether those of the levels that are whitened first hold any scatter beyond their floors."""
-    first = next((level.name for level in levels if level.name in (*CROSSED, *NESTED)), "")
-    names = CROSSED if first in CROSSED else NESTED
-    return any(tau.get(v.name, 0.0) > v.floor for v in levels if v.name in names)
+    return any(tau.get(v.name, 0.0) > v.floor for v in _in_order(levels)[0])
 
 
 def ordered_like(other: tuple[Level, ...], levels: tuple[Level, ...]) -> tuple[Level, ...]:

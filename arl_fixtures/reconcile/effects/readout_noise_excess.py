@@ -178,20 +178,21 @@ def _switches(view: View) -> list[tuple[str, str]]:
             found.append((name, "true"))
         elif 1 < len(labels) <= _MOST_STATES and np.bincount(codes[codes >= 0]).min() >= _FEWEST:
             found += [(name, label) for label in labels]
+    covariates = view.covariates()
     for name, values in view.columns.numbers.items():
         if not view.varies(name) or name in _NO_SWITCH:
             continue
         told, rows = np.unique(values[np.isfinite(values)], return_counts=True)
         if told.tolist() == [0.0, 1.0] and unit_of(name) == "1":
             found.append((name, "1"))
-        elif _is_setting(view, name) and told.size < _FEWEST_LEVELS and rows.min() >= _FEWEST:
-            found += [(name, f"{level:g}") for level in told]
+        elif name in covariates and _may_cause(name) and told.size < _FEWEST_LEVELS and rows.min() >= _FEWEST:
+            found += [(name, f"{level:g}") for level in told]  # a bias, an exposure: set to few values
     return found
 
 
-def _is_setting(view: View, name: str) -> bool:
-    """Whether a column may be what somebody sets, to few values: a bias, an exposure."""
-    return name in view.covariates() and name not in _NO_CAUSE and not name.endswith(("_c", "_std"))
+def _may_cause(name: str) -> bool:
+    """Whether noise may hang on a covariate, beside temperatures: places, targets and times are no cause."""
+    return name not in _NO_CAUSE and not name.endswith(("_c", "_std"))
 
 
 _NO_CAUSE = ("azimuth_deg", "elevation_deg", "incidence_deg", "reflectance", "stage_angle_deg", "time_s", *_NO_SWITCH)
@@ -202,10 +203,7 @@ def _conditions(view: View, temperatures: tuple[str, ...]) -> list[str]:
     """Conditions that scatter may rise with beside the temperature: the range, what is no current or voltage, few."""
 
     def make() -> list[str]:
-        names = [
-            name for name in view.covariates()
-            if name not in (*_NO_CAUSE, *temperatures) and not name.endswith(("_c", "_std"))
-        ]  # fmt: skip
+        names = [name for name in view.covariates() if _may_cause(name) and name not in temperatures]
         usual = sorted(names, key=lambda n: (n != "true_range_m", unit_of(n) in DRIVES, n))
         several = (n for n in usual if _has_levels(view, n))
         return list(itertools.islice(several, _MOST_CONDITIONS))

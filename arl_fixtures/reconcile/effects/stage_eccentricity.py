@@ -52,14 +52,12 @@ class Eccentricity(Effect):
 
     def variants(self, view: View) -> Iterable[Variant]:
         """Off-centre in the sensor's frame or in the bench's; of a head, in its own."""
-        found = scene(view)
-        if found is None or not distances(view) or not turned_by(view):
+        found, angle = scene(view), turned_by(view)
+        if found is None or not distances(view) or not angle:
             return
-        frames: tuple[str, ...] = ("bench", "sensor")
-        if turned_by(view) != STAGE:
-            if room_of(view, found.sign) is None:
-                return
-            frames = ("head",)
+        if angle != STAGE and room_of(view, found.sign) is None:
+            return
+        frames = ("bench", "sensor") if angle == STAGE else ("head",)
         unit = unit_of(distances(view)[0])
         size = per_metre(unit)
         for frame, way in product(frames, ways_of_looking(view)):
@@ -77,8 +75,7 @@ class Eccentricity(Effect):
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Moves the point of view."""
         forward, right = (float(values[name]) for name in _AXES)
-        pose = None if variant.options["frame"] == "head" else _pose(variant, view, forward, right)
-        if pose is not None and take_pose(view, state, pose, whole=by_whole_pixels(variant)):
+        if take_pose(view, state, _pose(variant, view, forward, right), whole=by_whole_pixels(variant)):
             return
         if look_from(view, state, *_in_the_room(variant, view, forward, right)):
             return
@@ -134,9 +131,9 @@ def _pose(variant: Variant, view: View, forward: float, right: float) -> Pose:
     """The optical centre in the stage's frame, which turns under an axis that is off in the bench's frame."""
     size = in_mm(1.0, distances(view)[0]) * 1e-3
     forward, right = forward * size, right * size
-    if variant.options["frame"] == "sensor":
+    if variant.options["frame"] != "bench":
         return Pose(forward_m=forward, right_m=right)
-    angle = np.radians(np.nan_to_num(view.number("stage_angle_deg")))
+    angle = np.radians(np.nan_to_num(view.number(STAGE)))
     c, s = np.cos(angle), np.sin(angle)
     return Pose(forward_m=forward * c + right * s, right_m=right * c - forward * s)
 
@@ -168,7 +165,7 @@ def _direction(view: View, variant: Variant) -> tuple[FloatArray, FloatArray]:
     angle = azimuth(view)
     found = scene(view)
     if variant.options["frame"] == "bench" and found is not None:
-        angle = angle + found.sign * np.nan_to_num(view.number("stage_angle_deg"))
+        angle = angle + found.sign * np.nan_to_num(view.number(STAGE))
     return np.cos(np.radians(angle)), np.sin(np.radians(angle))
 
 

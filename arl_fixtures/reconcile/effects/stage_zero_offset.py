@@ -50,7 +50,7 @@ class ZeroOffset(Effect):
                 options={**told, **way},
                 parameters=(amplitude("zero" if kind == "constant" else "backlash", "deg", -20.0, 20.0, 0.05),),
                 channels=turning_channels(way, view),
-                rough=angle == STAGE and not way and is_sharp(view),
+                rough=not way and is_sharp(view),
                 drivers=(angle,) if kind == "constant" else (*_direction(view), angle),
             )
 
