@@ -102,6 +102,7 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
     if signal is not None:  # what is added, not multiplied
         alone = [m.basis for n in names for m in pool.items if m.basis.columns == (n,) and not m.basis.waves][:80]
         pool.add(Basis(axes=(*b.axes, signal), prior=b.prior, price=b.price + 1.0) for b in alone)
+        pool.add(_beating(work, signal))
     pool.add(_pairs(work, looker, names, simple))
     pool.add(_moving(work, names, (*ORDERS, *view.temperatures()[:2])))
     lines = [m.basis.axes[0] for n in names for m in simple.get(n, []) if m.basis.axes[0].kind == "linear"]
@@ -158,6 +159,14 @@ def _signal(work: Work) -> Axis | None:
         return None
     middle = 0.5 * (low + high)
     return Axis(column=name, kind="inverse", middle=middle, width=high - low)
+
+
+def _beating(work: Work, signal: Axis) -> Iterator[Basis]:
+    """Light that comes and goes with the time, the same to bright and dark: a lamp that beats with the frames."""
+    wave = best_wave(work, "time_s", signal(work.features)) if "time_s" in work.features else None
+    if wave:
+        price = PRICE_TWO + price_of(("time_s",)) + _shared_price(work, ("time_s",)) + wave.price + 1.0
+        yield Basis(waves=tuple((*product, signal) for product in waves_of("time_s", wave.turns)), price=price)
 
 
 def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, list[Candidate]]) -> Iterator[Basis]:

@@ -36,8 +36,13 @@ class Wave(NamedTuple):
     price: float
 
 
-def best_wave(work: Work, name: str) -> Wave | None:
-    """The wave over a column at which the residual swings most, None for columns with few values."""
+def best_wave(work: Work, name: str, factor: FloatArray | None = None) -> Wave | None:
+    """The wave over a column at which the residual swings most, None for columns with few values.
+
+    Args:
+        work: the rows; name: of the column.
+        factor: what the wave comes with, by row; nothing else by default.
+    """
     x = work.features[name]
     good = np.isfinite(x)
     levels, code = np.unique(x[good], return_inverse=True)
@@ -48,7 +53,7 @@ def best_wave(work: Work, name: str) -> Wave | None:
         most = min(_most_turns(levels, FAR_BESIDE), MOST_IN_TIME)
     else:
         most = _told_turns(levels, min(len(levels) / 3.0, ALONE_TURNS, _most_turns(levels)))
-    direction = work.direction[good]
+    direction = work.direction[good] if factor is None else (work.direction * factor)[good]
     score: FloatArray = np.bincount(code, direction * work.residual[good]).astype(np.float64)
     weight: FloatArray = np.bincount(code, direction**2).astype(np.float64)
     turns = _strongest((levels - levels[0]) / span, score, weight, most)

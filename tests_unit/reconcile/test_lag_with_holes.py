@@ -12,14 +12,21 @@ ANGLES = np.array([-13.7, -11.9, -9.1, -7.4, -5.2, -3.6, -1.4, 0.8, 2.9, 4.4, 7.
 NAMES = ("acquisition.frame_lag", "detector.crosstalk", "optics.defocus", "stage.zero_offset", "timing.clock_scale")
 
 
-def swept(*, share, held_out=(), stops=False, seed=6):
-    """A block of pixels over an uneven sweep; a share of every average still shows the angle before."""
+def swept(*, share, held_out=(), stops=False, seed=6, angles=ANGLES, stride=None):
+    """A block of pixels over an uneven sweep; a share of every average still shows the angle before.
+
+    With `stride` that is the one before in a whole sweep, of which the table has some angles only.
+    """
     rng = np.random.default_rng(seed)
     step, place, v, u = (
-        a.ravel() for a in np.meshgrid(np.arange(2), np.arange(14), np.arange(4.0, 28.0, 8.0), np.arange(57.0, 71.0),
-                                       indexing="ij")
+        a.ravel()
+        for a in np.meshgrid(
+            np.arange(2), np.arange(len(angles)), np.arange(4.0, 28.0, 8.0), np.arange(57.0, 71.0), indexing="ij"
+        )
     )  # fmt: skip
-    stage, before = ANGLES[place], ANGLES[np.maximum(place - 1, 0)]
+    stage, before = angles[place], angles[np.maximum(place - 1, 0)]
+    if stride is not None:
+        before = stage - stride
     far_scene = {"fx": 58.1}
     light, far = trace(u, v, stage, 0.10, **far_scene)
     old_light, old_far = trace(u, v, before, 0.10, **far_scene)
@@ -51,3 +58,14 @@ def test_a_lag_is_found_though_the_position_before_is_missing(how):
     assert [f.effect for f in found] == ["acquisition.frame_lag"]
     (share,) = (p for p in found[0].parameters if p.name == "share")
     assert share.value == pytest.approx(0.03, abs=0.006)
+
+
+@pytest.mark.parametrize("stride", [0.9, -0.9])
+def test_a_lag_by_a_stride_of_a_sweep_that_was_thinned_is_one(stride):
+    """Every frame of the sweep was late; angles were drawn from it as they came, or as it went back."""
+    drawn = np.array([-14.4, -13.5, -10.8, -9.0, -6.3, -5.4, -1.8, 2.7, 3.6, 6.3, 9.9, 11.7, 14.4])
+    made = swept(share=0.05, angles=drawn[:: int(np.sign(stride))], stride=stride)
+    found = diagnose(made, effects=[library()[name] for name in NAMES])[0].findings
+    assert [f.effect for f in found] == ["acquisition.frame_lag"]
+    (share,) = (p for p in found[0].parameters if p.name == "share")
+    assert share.value == pytest.approx(0.05, abs=0.01)

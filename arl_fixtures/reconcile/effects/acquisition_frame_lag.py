@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,9 +13,7 @@ from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     amplitude,
     distances,
-    per_table,
     per_view,
-    rounded,
     set_light,
     shape,
     signals,
@@ -24,26 +21,21 @@ from arl_fixtures.reconcile.effects_common import (
 from arl_fixtures.reconcile.effects_encoder import encoders, show_turn
 from arl_fixtures.reconcile.effects_pointing import scanned_channels, turn_stage
 from arl_fixtures.reconcile.effects_scene import scene
-from arl_fixtures.reconcile.grouping import GAP_SHARE
-from arl_fixtures.reconcile.view import IntArray, View
+from arl_fixtures.reconcile.effects_way_back import longest_s, missing_before, stride_back, thinned_by, way_back
+from arl_fixtures.reconcile.view import View
 
 _PLACES = np.linspace(0.0, 1.0, 6)
 """Shares of the way back to the stage position before at which the scene is looked up."""
-_SAME_DEG = 1e-3
-"""Readings of one stage position agree this closely."""
 _SINGLE = 0.7
 """Share of a table's rows that places make of which several rows are frames."""
-_MOST_LACKING = 3.0
-"""Positions that a hole of a sweep may be back to the next one known."""
 _LONGEST_DELAY_S, _SPEED_UNIT = 2.0, "_deg_s"
-_UNEVEN = 0.25
-"""Relative scatter of a sweep's steps from which a lag is told from a constant angle."""
 
 
 class FrameLag(Effect):
     """The frames of a row do not all show its stage position.
 
-    * late: X' = (1 − share)·X + share·X at the stage position `frames` earlier in time.
+    * late: X' = (1 − share)·X + share·X at the stage position `frames` earlier in time. Of a sweep that the table
+      holds few positions of (`stride_deg`: between two of the whole sweep) that is a stride back the way it came.
     * settling: frame k (from 0) is taken at `creep`·exp(−k / decay) of the way back to the position before.
     * on the way: where rows are single frames, each shows one place, at `creep`·exp(−t / decay) of that way, t since
       the first frame at its stage angle; t = 0 where an angle has one frame only.
@@ -85,6 +77,16 @@ class FrameLag(Effect):
             )
         if scene(view) is None:
             return
+        stride = thinned_by(view)
+        if stride:
+            yield Variant(
+                effect=self.id,
+                options={"frames": 1, "stride_deg": stride},
+                parameters=(amplitude("share", "1", 0.0, 1.0, 0.2),),
+                channels=scanned_channels(view),
+                drivers=drivers,
+                rough=is_sharp(view),
+            )
         for speed in _speeds(view):
             yield Variant(
                 effect=self.id,
@@ -98,8 +100,8 @@ class FrameLag(Effect):
             amplitude("creep", "1", 0.0, 1.0, 0.2),
             view.has("n_frames") and view.middle("n_frames") >= 2.0,
         )
-        longest = _longest_s(view)
-        way = _way_back(view, longest)
+        longest = longest_s(view)
+        way = way_back(view, longest)
         if way.since_s.any() and _repeats(view):
             waits = np.unique(way.since_s)
             options: dict[str, Option] = {"frames": 1, "kind": "on the way", "longest_s": longest}
@@ -129,7 +131,7 @@ class FrameLag(Effect):
             turn_stage(view, state, -float(values["delay"]) * speed)
             return
         if variant.options.get("kind") == "on the way":
-            way = _way_back(view, float(variant.options["longest_s"]))
+            way = way_back(view, float(variant.options["longest_s"]))
             left = np.exp(-way.since_s[view.rows] / float(values["decay"])) if "decay" in values else 1.0
             turn_stage(view, state, float(values["creep"]) * left * way.back_deg[view.rows])
             return
@@ -137,11 +139,13 @@ class FrameLag(Effect):
             _settle(variant, values, state, view)
             return
         if "channel" in variant.options:
-            back = _way_back(view, float(variant.options["longest_s"])).back_deg[view.rows]
+            back = way_back(view, float(variant.options["longest_s"])).back_deg[view.rows]
             show_turn(variant, state, view, float(values["share"]) * back)
             return
         share, frames = float(values["share"]), int(variant.options["frames"])
-        missing = _missing_before(view) if frames == 1 else np.zeros(0)
+        missing = missing_before(view) if frames == 1 else np.zeros(0)
+        if "stride_deg" in variant.options:
+            missing = stride_back(view, float(variant.options["stride_deg"]))
         there = dict(state)
         if missing.any():
             turn_stage(view, there, missing)
@@ -167,6 +171,8 @@ class FrameLag(Effect):
             return f"X = X at stage_angle_deg + creep{wait} * (angle before - angle)"
         if "channel" in variant.options:
             return f"{variant.options['channel']} += share * (stage angle before - stage_angle_deg)"
+        if "stride_deg" in variant.options:
+            return f"X = (1 - share) * X + share * X[{variant.options['stride_deg']:g} deg back in the sweep]"
         return f"X = (1 - share) * X + share * X[{variant.options['frames']} stage position(s) earlier]"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
@@ -199,8 +205,8 @@ class FrameLag(Effect):
 
 def _of_readings(view: View) -> Iterable[Variant]:
     """Readings of the stage's angle that lag, where it came from nearer or farther by turns."""
-    longest = _longest_s(view)
-    if not (encoders(view) and _way_back(view, longest).is_uneven):
+    longest = longest_s(view)
+    if not (encoders(view) and way_back(view, longest).is_uneven):
         return
     for channel in encoders(view):
         yield Variant(
@@ -217,70 +223,10 @@ def _speeds(view: View) -> list[str]:
     return [name for name in view.columns.numbers if name.endswith(_SPEED_UNIT) and view.varies(name)][:1]
 
 
-@dataclass(frozen=True, slots=True)
-class _Way:
-    """How each row of the whole table came to its stage angle.
-
-    Attributes:
-        back_deg: stage angle before less its own; zero for the first of a sweep, and where the table has a hole.
-        since_s: since the first row at this stay; zero without times.
-    """
-
-    back_deg: FloatArray
-    since_s: FloatArray
-
-    @property
-    def is_uneven(self) -> bool:
-        """Whether the stage came from nearer or farther by turns."""
-        size = np.abs(self.back_deg[self.back_deg != 0.0])
-        return bool(size.size) and float(np.std(size)) > _UNEVEN * float(np.mean(size))
-
-
 def _repeats(view: View) -> bool:
     """Whether rows are single frames: a ray stands at its stage angle several times."""
     same = view.columns.group(*GROUPS["frame"], "ramp", "pixel_u", "pixel_v", "azimuth_deg", "elevation_deg")
     return int(same.max()) + 1 < _SINGLE * view.columns.n
-
-
-def _stays(view: View) -> tuple[IntArray, IntArray, IntArray]:
-    """Rows of the whole table as the stage swept, their stay, and each stay's first row."""
-    table = view.columns
-    angle, cell = table.numbers["stage_angle_deg"], table.group(*table.sweep_columns)
-    order = np.lexsort((angle, table.sweep_order, cell))
-    fresh = np.ones(table.n, dtype=bool)
-    fresh[1:] = (np.abs(np.diff(angle[order])) > _SAME_DEG) | (np.diff(cell[order]) != 0)
-    return order, np.cumsum(fresh) - 1, order[fresh]
-
-
-def _between(view: View, first: IntArray) -> FloatArray:
-    """From the stay before to each stay, in seconds, without times in degrees; infinite for the first of a step."""
-    table = view.columns
-    time = table.sweep_order[first]
-    same = np.diff(table.group(*table.sweep_columns)[first]) == 0
-    return np.concatenate([[np.inf], np.where(same, np.diff(time), np.inf)])
-
-
-def _longest_s(view: View) -> float:
-    """What a move takes at most, 1.7 of the usual; farther apart lie stays of which one between is missing."""
-    taken = _between(view, _stays(view)[2])
-    usual = taken[np.isfinite(taken)]
-    return rounded(1.7 * float(np.median(usual))) if usual.size else 0.0
-
-
-def _way_back(view: View, longest: float) -> _Way:
-    def make() -> _Way:
-        table = view.columns
-        angle = table.numbers["stage_angle_deg"]
-        order, stay, first = _stays(view)
-        before = np.where(_between(view, first) <= longest, np.roll(angle[first], 1), np.nan)
-        back, since = np.zeros(table.n), np.zeros(table.n)
-        back[order] = np.nan_to_num(before[stay] - angle[order])
-        if view.varies("time_s"):
-            time = table.numbers["time_s"]
-            since[order] = np.nan_to_num(time[order] - time[first[stay]])
-        return _Way(back, since)
-
-    return per_table(view, ("way back", longest), make)
 
 
 def _settle(variant: Variant, values: Values, state: State, view: View) -> None:
@@ -306,47 +252,11 @@ def _settle(variant: Variant, values: Values, state: State, view: View) -> None:
             state[scatter] = np.sqrt(state[scatter] ** 2 + np.maximum(np.nan_to_num(wide), 0.0))
 
 
-def _logged_before(view: View) -> FloatArray:
-    """Stage angle before each row of the whole table, where a column says it; not finite where none does."""
-    for name, values in sorted(view.columns.numbers.items()):
-        if "stage_angle" in name and any(word in name for word in ("prev", "last", "before", "earlier")):
-            return values
-    return np.full(view.columns.n, np.nan)
-
-
-def _missing_before(view: View) -> FloatArray:
-    """Way back to the stage position before, degrees, where the table lacks what the same ray saw there; else zero.
-
-    Other rays may have been there, or a column says where the stage was. Where neither tells, it lies a half or a
-    third of the way to the one before it, by the time that passed.
-    """
-
-    def make() -> FloatArray:
-        table = view.columns
-        order, longest = table.sweep_order, table.frame_gap_s if view.varies("time_s") else table.sweep_gap_deg
-        cell = table.group(*table.sweep_columns, *table.ray_columns)
-        place = table.following(("acquired", 1), cell, order, -1)[view.rows]
-        far = np.where(place >= 0, np.abs(order[place] - order[view.rows]) * GAP_SHARE / longest, 0.0)
-        steps = np.rint(far)  # of the usual size
-        lacking = (view.acquired_place(1) < 0) & (steps > 1.0) & (steps <= _MOST_LACKING)
-        angle = view.number("stage_angle_deg")
-        back = view.take_number("stage_angle_deg", place) - angle
-        guessed = np.where(lacking, np.nan_to_num(back) / np.maximum(steps, 1.0), 0.0)
-        told = _logged_before(view)[view.rows] - angle
-        if not np.isfinite(told).any():
-            told = _way_back(view, _longest_s(view)).back_deg[view.rows]
-        told = np.nan_to_num(told)
-        own = view.take_number("stage_angle_deg", view.acquired_place(1)) - angle
-        return np.asarray(np.where(told == 0.0, guessed, np.where(np.abs(own - told) <= _SAME_DEG, 0.0, told)))
-
-    return per_view(view, "missing before", make)
-
-
 def _on_the_way(view: View) -> dict[str, list[FloatArray]]:
     """By channel, at each of `_PLACES`: ratio of a signal and difference of a distance to the row's own position."""
     place = view.acquired_place(1)
     before = view.take_number("stage_angle_deg", place)
-    missing = _missing_before(view)
+    missing = missing_before(view)
     back = np.where(missing != 0.0, missing, np.nan_to_num(before - view.number("stage_angle_deg")))
     names = (*signals(view), *distances(view))
     seen: dict[str, list[FloatArray]] = {name: [] for name in names}

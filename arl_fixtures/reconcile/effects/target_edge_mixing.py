@@ -63,7 +63,7 @@ class EdgeMixing(Effect):
                 yield Variant(
                     effect=self.id,
                     options={"kind": kind},
-                    parameters=(amplitude("share", "1", -0.5, 1.5, 0.5), width),
+                    parameters=(amplitude("share", "1", 0.0, 1.5, 0.5), width),
                     channels=tuple(dict.fromkeys((*distances(view), *lights))),
                     drivers=tuple(name for name in ("mixed", "surface", "pixel_u") if view.has(name)),
                     rough=True,
