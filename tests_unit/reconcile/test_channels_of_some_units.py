@@ -2,7 +2,6 @@
 
 import numpy as np
 import pyarrow as pa
-import pytest
 from scipy.integrate import solve_ivp
 
 from arl_fixtures.reconcile.columns import find_channels
@@ -24,8 +23,8 @@ def one_plate(seed, slack):
         return solve_ivp(balance, (0.0, time[-1]), [start], t_eval=time, rtol=1e-8, max_step=10.0).y[0]
 
     unit, n = np.repeat(np.arange(3), time.size), 3 * time.size
-    assumed = np.tile(housing(1.0), 3)
-    real = np.concatenate([housing(1.0), housing(1.0), housing(1.0 + slack)])
+    good, worse = housing(1.0), housing(1.0 + slack)
+    assumed, real = np.tile(good, 3), np.concatenate([good, good, worse])
     read = np.tile(plate, 3) + 0.1 * rng.normal(size=n)
     return columns_of(pa.table({
         "dut": np.array(["A", "B", "C"])[unit], "step": np.tile((time // 1500.0).astype(int), 3),
@@ -37,9 +36,8 @@ def one_plate(seed, slack):
     }))  # fmt: skip
 
 
-@pytest.mark.parametrize("slack", [0.3, 1.0])
-def test_a_thermometer_that_is_written_beside_one_unit_hides_nothing_of_the_others(slack):
-    first = diagnose(one_plate(5, slack))[0].findings[0]
+def test_a_thermometer_that_is_written_beside_one_unit_hides_nothing_of_the_others():
+    first = diagnose(one_plate(5, 0.3))[0].findings[0]
     assert first.effect == "thermal.contact_resistance"
     assert first.channels == ["housing_temperature_c"]
 

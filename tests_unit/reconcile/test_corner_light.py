@@ -72,7 +72,7 @@ def corner(seed, share):
     }))  # fmt: skip
 
 
-@pytest.mark.parametrize("seed", [5, 7, 8])
+@pytest.mark.parametrize("seed", [5, 8])
 def test_boards_that_light_each_other_are_among_what_is_named(seed):
     """A glare of the image is much like it here: both are most where the boards are far away, and dark."""
     first = diagnose(corner(seed, 0.06), effects=[library()[n] for n in KNOWN])[0].findings[0]

