@@ -9,6 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from arl_fixtures.reconcile import reconcile as diagnosing
+from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.columns import Given
 from arl_fixtures.reconcile.command import predict, reconcile
 from arl_fixtures.reconcile.effects_common import temperature_drivers
@@ -41,12 +43,21 @@ def cooler_is_farther(columns, _rng):
     columns["distance_m"] = columns["distance_m"] + 4e-5 * (columns["tof_temperature_c"] - 40.0)
 
 
-def test_the_answer_is_that_of_the_formats_names_in_the_tables_own(tmp_path, make_table, save, knows_only):
+@pytest.fixture(scope="module")
+def theirs(tmp_path_factory, make_table, save):
+    """The table in their words, and the folder of its diagnosis (to be read only)."""
+    folder, table = tmp_path_factory.mktemp("theirs"), of_another_lab(make_table(3, cooler_is_farther, steps=9))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(diagnosing, "library", lambda: {name: library()[name] for name in FEW})
+        reconcile(save(folder / "theirs.parquet", table), folder / "out")
+    return table, folder / "out"
+
+
+def test_the_answer_is_that_of_the_formats_names_in_the_tables_own(theirs, tmp_path, make_table, save, knows_only):
     knows_only(*FEW)
-    table = make_table(3, cooler_is_farther)
-    for name, columns in (("ours", table), ("theirs", of_another_lab(table))):
-        reconcile(save(tmp_path / f"{name}.parquet", columns), tmp_path / name)
-    ours, theirs = (json.loads((tmp_path / n / "diagnosis.json").read_text())["findings"] for n in ("ours", "theirs"))
+    table, out = make_table(3, cooler_is_farther, steps=9), {"ours": tmp_path / "ours", "theirs": theirs[1]}
+    reconcile(save(tmp_path / "ours.parquet", table), out["ours"])
+    ours, theirs = (json.loads((out[n] / "diagnosis.json").read_text())["findings"] for n in ("ours", "theirs"))
     assert [f["effect"] for f in theirs] == [f["effect"] for f in ours] == ["timing.temperature_offset"]
     assert [p["value"] for p in theirs[0]["law"]["parameters"]] == pytest.approx(
         [p["value"] for p in ours[0]["law"]["parameters"]]
@@ -55,17 +66,15 @@ def test_the_answer_is_that_of_the_formats_names_in_the_tables_own(tmp_path, mak
     assert "(tof_temperature_k - 273.15)" in theirs[0]["law"]["expression"]
     said = json.dumps(theirs)
     assert not any(name in said for name in ("tof_temperature_c", "azimuth_deg", "pixel_u"))
-    pages = [(tmp_path / name / "diagnosis.html").read_text() for name in ("ours", "theirs")]
+    pages = [(out[name] / "diagnosis.html").read_text() for name in ("ours", "theirs")]
     assert pages[1].count("<svg") == pages[0].count("<svg")  # the pictures find their columns
     assert "time_s = (60 * elapsed_min)" in pages[1]
 
 
-def test_a_model_foretells_tables_in_the_same_words(tmp_path, make_table, save, knows_only):
-    knows_only(*FEW)
-    table = of_another_lab(make_table(3, cooler_is_farther))
-    reconcile(save(tmp_path / "table.parquet", table), tmp_path / "out")
+def test_a_model_foretells_tables_in_the_same_words(theirs, tmp_path, save):
+    table, out = theirs
     few = {name: values[:3] for name, values in table.items() if name not in ("distance_m", "intensity_counts")}
-    predict(tmp_path / "out", save(tmp_path / "few.parquet", few), tmp_path / "said.parquet")
+    predict(out, save(tmp_path / "few.parquet", few), tmp_path / "said.parquet")
     said = pq.read_table(tmp_path / "said.parquet")["corrected_distance_m"].to_numpy()
     true = few["sim_distance_m"] + 4e-5 * (few["tof_temperature_k"] - 273.15 - 40.0)
     assert np.all(np.abs(said - said.mean() - true + true.mean()) < 1e-4)
@@ -109,7 +118,7 @@ def test_a_time_of_flight_is_a_distance(tmp_path, make_table, save, walk, knows_
     knows_only(*FEW)
     found = {}
     for unit, per_metre in (("m", 1.0), ("ps", 2e12 / 299_792_458.0)):
-        columns = make_table(5, walk)
+        columns = make_table(5, walk, steps=8)
         for name in [n for n in columns if "distance_m" in n]:
             columns[name.replace("distance_m", f"tof_{unit}" if unit == "ps" else "distance_m")] = (
                 columns.pop(name) * per_metre

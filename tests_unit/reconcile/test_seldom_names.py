@@ -197,7 +197,8 @@ def ranged_by_the_centre(seed=9):
     angle, pixel_v = np.array([-33.0, -12.4, -7.9, -3.1, 0.6, 4.4, 9.1, 14.7, 31.0])[stop], np.array([9.0, 20.0])[row]
     azimuth = PITCH_DEG * (column - 14.5)
     bearing = azimuth + angle
-    light, far = over_a_pixel(bearing)
+    sights, again = np.unique(bearing, return_inverse=True)
+    light, far = (x[again] for x in over_a_pixel(sights))
     place, white = boards(bearing)
     ends = [boards(bearing + side * 0.5 * PITCH_DEG)[1] for side in (-0.8, 0.8)]
     names = {0.06: "wall", 0.18: "grey", 0.5: "light", 0.8: "white"}

@@ -1,5 +1,8 @@
 """Simulations whose pixels have a point spread of their own: the nominal bench traced through many scattered rays."""
 
+from copy import deepcopy
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.special import ndtri
@@ -32,9 +35,11 @@ def only(columns, channel):
 
 @pytest.fixture(scope="module")
 def soft():
-    return lambda **other: table(
-        places=through(SPREAD_PX), turn_deg=TURN_DEG, noise=False, angles=31, pixels=16, **other
-    )
+    @cache
+    def traced(**other):
+        return table(places=through(SPREAD_PX), turn_deg=TURN_DEG, noise=False, angles=31, pixels=16, **other)
+
+    return lambda **other: deepcopy(traced(**other))
 
 
 def test_the_spread_is_read_off_the_simulation(soft):

@@ -77,15 +77,18 @@ def table(*, seed=3, height_m=0.10, turn_deg=0.0, noise=True, angles=41, pixels=
     step, stage, which = (axis.ravel() for axis in axes)
     u, v = (flat % 122 + 3.0)[which], (flat // 122 + 3.0)[which]
     own = {n: real[n] for n in ("fx", "panels", "arc_m", "wall_m", "paint", "places", "tall") if n in real}
-    sim_light, sim_far = trace(u, v, stage, height_m, **own)
-    light, far = trace(u, v, stage + turn_deg, height_m, **real)
-    if whole:
+
+    def seen(turn, **bench):
         first = step == 0  # steps repeat what is seen
+        return np.tile(trace(u[first], v[first], stage[first] + turn, height_m, **bench), 3)
+
+    sim_light, sim_far = seen(0.0, **own)
+    light, far = seen(turn_deg, **real)
+    if whole:
         (here, near), (there, away) = (
-            trace(u[first], v[first], stage[first] + turn, height_m, places=FIFTEENTHS, **other)
-            for turn, other in ((0.0, own), (turn_deg, real))
+            seen(turn, places=FIFTEENTHS, **other) for turn, other in ((0.0, own), (turn_deg, real))
         )
-        light, far = sim_light + np.tile(there - here, 3), sim_far + np.tile(away - near, 3)
+        light, far = sim_light + (there - here), sim_far + (away - near)
     x, y = (u - 63.5) / real.get("fx", 58.1), (v - 15.5) / 66.0
     grow = 2.0 / (1.0 + np.sqrt(1.0 - 4.0 * 0.198 * (x * x + y * y)))
     azimuth = np.degrees(np.arctan(x * grow))
