@@ -239,7 +239,7 @@ def test_a_zero_beside_an_effect_carries_no_evidence():
 
 
 def test_a_line_thrown_off_by_an_effect_is_no_second_one():
-    columns = calibrated(table(turn_deg=0.06), gain=1.01, zero=-4.0, ahead_m=0.0, measured=False)
+    columns = calibrated(table(turn_deg=0.06, angles=25), gain=1.01, zero=-4.0, ahead_m=0.0, measured=False)
     on_wall = (columns.numbers[f"sim_{RANGE}"] > 1.5).astype(np.int64)
     columns.categories["surface"] = (on_wall, ("panel", "wall"))
     names = ("stage.zero_offset", "readout.column_pattern", "optics.veiling_glare", "target.reflectance_error")

@@ -31,7 +31,7 @@ def peaks_of_waveforms(light, far, sigma_m):
 @pytest.fixture(scope="module")
 def recorded():
     """The nominal table with ranges at the peaks of waveforms, 0.13 m wide, where rays see several ranges."""
-    columns = table(seed=4, pixels=24, noise=True)
+    columns = table(seed=4, angles=25, pixels=24, noise=True)
     light, far = rays_of(columns.numbers)
     mean = np.sum(light * far, axis=1) / np.sum(light, axis=1)
     several = np.ptp(far, axis=1) > 0.05

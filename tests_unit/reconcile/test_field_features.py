@@ -76,7 +76,7 @@ def test_a_twist_that_every_step_has_anew_is_one_place(rays):
 
 
 def test_what_is_round_about_the_axis_is_predicted_on_pixels_never_seen(tmp_path):
-    table = camera(6, steps=8, change=bubble)
+    table = camera(6, steps=5, change=bubble)
     truth = bubble(table, None)[1]
     pixel = (table["pixel_v"] * PIXELS_U + table["pixel_u"]).astype(int)
     held = (np.random.default_rng(1).uniform(size=PIXELS_U * PIXELS_V) < 0.3)[pixel]

@@ -16,7 +16,7 @@ def on_the_run(seed, delay_s):
     rng = np.random.default_rng(seed)
     speed, place, u = (
         a.ravel()
-        for a in np.meshgrid((-4.0, -1.5, 0.8, 6.0), np.arange(41) - 20.0, np.arange(COLUMNS), indexing="ij")
+        for a in np.meshgrid((-4.0, -1.5, 0.8, 6.0), np.arange(31) - 15.0, np.arange(COLUMNS), indexing="ij")
     )
     angle = place * 1.2
     v = np.ones(u.size)

@@ -10,7 +10,7 @@ from arl_fixtures.reconcile.table import columns_of
 def read_by_turns(seed, gain=0.004, offset=1.2):
     """Strewn pixels over six stage angles and six steps, ten frames each."""
     rng = np.random.default_rng(seed)
-    step, angle, place = (x.ravel() for x in np.meshgrid(np.arange(6), np.arange(6), np.arange(90), indexing="ij"))
+    step, angle, place = (x.ravel() for x in np.meshgrid(np.arange(4), np.arange(6), np.arange(90), indexing="ij"))
     u, v = rng.choice(120, 90, replace=False)[place].astype(float), rng.integers(0, 30, 90)[place].astype(float)
     sim = 3000.0 * np.geomspace(0.03, 1.0, 540)[rng.permutation(540)][90 * angle + place]
     converter = u.astype(int) % 8

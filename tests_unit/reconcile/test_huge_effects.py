@@ -26,7 +26,7 @@ def test_a_stage_several_degrees_off_is_that_and_no_tilt_of_the_mount():
 
 
 def test_a_mount_several_degrees_off_in_pitch_and_roll_is_found():
-    findings = told(table(tilt_deg=(0.0, 5.5, -3.0), angles=21, pixels=60), GEOMETRY)
+    findings = told(table(tilt_deg=(0.0, 5.5, -3.0), angles=11, pixels=40), GEOMETRY)
     assert [f.effect for f in findings] == ["mount.tilt"]
     values = {p.name: p.value for p in findings[0].parameters}
     assert abs(values["pitch"]) == pytest.approx(5.5, abs=0.15)
@@ -35,7 +35,7 @@ def test_a_mount_several_degrees_off_in_pitch_and_roll_is_found():
 
 def smeared(depth):
     """Every fourth pixel of an image through a smear on the window, thick in its middle."""
-    columns = table(angles=6, pixels=240)
+    columns = table(angles=4, pixels=200)
     u, v = columns.numbers["pixel_u"], columns.numbers["pixel_v"]
     thick = np.exp(-((u - 70.0) ** 2) / 200.0 - (v - 13.0) ** 2 / 40.0)
     columns.numbers[LIGHT] = columns.numbers[LIGHT] * np.exp(-depth * thick)
@@ -49,7 +49,7 @@ def test_a_thick_smear_is_dirt_and_no_field_of_dead_pixels():
 
 
 def test_pixels_that_are_dark_are_dead():
-    columns = table(angles=9, pixels=300)
+    columns = table(angles=6, pixels=200)
     pixel = columns.numbers["pixel_u"] * 100.0 + columns.numbers["pixel_v"]
     dead = np.isin(pixel, np.unique(pixel)[::40])
     columns.numbers[LIGHT] = np.where(dead, 0.02 * columns.numbers[LIGHT], columns.numbers[LIGHT])
@@ -94,9 +94,9 @@ def slow_quartz_and_skew(seed=8):
     Edges are counted and interpolated, as the counter sees them.
     """
     rng = np.random.default_rng(seed)
-    step, pixel = (x.ravel() for x in np.meshgrid(np.arange(6), np.arange(900), indexing="ij"))
+    step, pixel = (x.ravel() for x in np.meshgrid(np.arange(4), np.arange(900), indexing="ij"))
     u, v = np.random.default_rng(1).integers(0, 96, 900)[pixel], np.random.default_rng(2).integers(0, 24, 900)[pixel]
-    true_m = np.random.default_rng(3).uniform(0.8, 3.0, (6, 900))[step, pixel]
+    true_m = np.random.default_rng(3).uniform(0.8, 3.0, (4, 900))[step, pixel]
     flight_s = true_m / 149_896_229.0 + 5.5e-14 * u
     period_s = 2e-9 / 0.995  # taken for 2 ns
     edges, rest = np.divmod(flight_s, period_s)

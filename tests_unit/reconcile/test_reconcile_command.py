@@ -21,7 +21,7 @@ SCHEMA = Path(__file__).parents[3] / "shared" / "spec" / "diagnosis.schema.json"
 def walked(tmp_path_factory, make_table, save, walk):
     """A table with a range walk, the folder of its diagnosis (to be read only), and the diagnosis."""
     folder = tmp_path_factory.mktemp("walked")
-    table = save(folder / "t.parquet", make_table(2, walk, steps=6))
+    table = save(folder / "t.parquet", make_table(2, walk, steps=4))
     return table, folder / "out", reconcile(table, folder / "out")
 
 
@@ -158,7 +158,7 @@ def test_a_table_too_large_for_memory_is_predicted_in_batches_alike(
 ):
     """Worked through in batches of whole cycles, each row gets what it gets with the whole table in memory."""
     knows_only()  # it is an unknown law all the same
-    parts = [make_table(seed, parity, duts=1, steps=6) for seed in (3, 4, 5)]
+    parts = [make_table(seed, parity, duts=1, steps=4) for seed in (3, 4, 5)]
     for number, part in enumerate(parts):
         part["cycle"] = np.full(len(part["cycle"]), float(number + 1))
     order = np.random.default_rng(1).permutation(sum(len(p["cycle"]) for p in parts))

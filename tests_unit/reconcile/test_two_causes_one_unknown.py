@@ -43,7 +43,7 @@ def late_and_heated(columns, rng):
     ids=["polariser", "heater"],
 )
 def test_a_name_stands_beside_what_no_library_has(tmp_path, make_table, save, change, name, driver):
-    diagnosis = reconcile(save(tmp_path / "table.parquet", make_table(1, change)), tmp_path / "out")
+    diagnosis = reconcile(save(tmp_path / "table.parquet", make_table(1, change, steps=7)), tmp_path / "out")
     assert sorted(f.effect for f in diagnosis.findings) == sorted([name, "unknown"])
     unknown = next(f for f in diagnosis.findings if f.effect == "unknown")
     assert unknown.drivers[0] == driver
@@ -57,7 +57,7 @@ def product(columns, _rng):
 
 
 def test_a_product_is_no_name_beside_an_unknown(tmp_path, make_table, save):
-    diagnosis = reconcile(save(tmp_path / "table.parquet", make_table(1, product)), tmp_path / "out")
+    diagnosis = reconcile(save(tmp_path / "table.parquet", make_table(1, product, steps=7)), tmp_path / "out")
     assert [f.effect for f in diagnosis.findings] == ["unknown"]
     assert {"surface", "housing_temperature_c"} & set(diagnosis.findings[0].drivers)
 

@@ -11,7 +11,7 @@ from arl_fixtures.reconcile.command import predict, reconcile
 def left_on_unseen(tmp_path, make_table, save, walk, knows_only):
     """Mean square that a prediction leaves on a third device, as a share of what a given per-device offset makes."""
 
-    def run(offsets_m: dict[str, float], seen: tuple[str, ...] = ("S0", "S1"), steps: int = 8) -> tuple[float, float]:
+    def run(offsets_m: dict[str, float], seen: tuple[str, ...] = ("S0", "S1"), steps: int = 6) -> tuple[float, float]:
         knows_only("timing.range_walk", "timing.temperature_offset")
 
         def change(columns, rng):
