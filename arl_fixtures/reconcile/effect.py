@@ -25,9 +25,9 @@ effect fit: the engine fits per-DUT and per-pixel gains and offsets beside each 
 Use a fixed reference (25 °C; the median of the driver: `view.middle(column)`, a shape parameter only if physics
 needs it), so that the effect alone cannot imitate a calibration.
 
-**Neighbours** (crosstalk, ghost, glare, mixing, frame lag, stage errors): see `View.neighbour`, `View.mirrored`,
-`View.in_sweep`, `View.acquired_before`, `View.step_before`, `View.frame_mean`; they return NaN where the table
-holds no such row.
+**Neighbours** (crosstalk, ghost, glare, mixing, frame lag, stage errors): see `View.neighbour`, `View.in_sweep`,
+`View.acquired_before`, `View.step_before`, `View.frame_mean`, `effects_mirror.mirrored`; they return NaN where the
+table holds no such row.
 
 **History** (lag, frost, ageing): rows come in no promised order and the view may hold a part only. Compute on the
 whole table (`view.columns`: per `dut` and `cycle`, ordered by `time_s` or `step`) and take `[view.rows]`; cache what

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effects_bench import Bench, bench_of
 from arl_fixtures.reconcile.effects_common import distances, per_table, per_view
+from arl_fixtures.reconcile.effects_mirror import Mirror
 from arl_fixtures.reconcile.effects_rays import Optics, Spots, look
 from arl_fixtures.reconcile.effects_render import distinct_spots
 from arl_fixtures.reconcile.view import View
@@ -63,17 +64,18 @@ def _fullness(bench: Bench) -> tuple[FloatArray, FloatArray]:
 
 
 def mirrored_image(
-    view: View, *, u0: float, v0: float, flip_u: bool = True, flip_v: bool = True
+    view: View, mirror: Mirror, blur_px: float = 0.0
 ) -> tuple[FloatArray, dict[str, FloatArray]] | None:
-    """Light of the pixel mirrored about (u0, v0) over the row's own simulated signal, and the ranges there.
+    """Light of each mirrored pixel over the row's own simulated signal, and the ranges there.
 
-    None where the bench is not known or the table holds the image itself; light is nil outside the image.
+    Through a Gaussian point spread of standard deviation `blur_px`. None where the bench is not known or the table
+    holds the image itself; light is nil outside the image.
     """
     bench = bench_of(view)
     if bench is None or per_table(view, "holds the image", lambda: _holds_image(bench)):
         return None
-    kept = per_view(view, "mirrored looks", dict[tuple[float, float, bool, bool], tuple[FloatArray, FloatArray]])
-    key = (u0, v0, flip_u, flip_v)
+    kept = per_view(view, "mirrored looks", dict[tuple[Mirror, float], tuple[FloatArray, FloatArray]])
+    key = mirror, blur_px
     if key not in kept:
         while len(kept) >= _MOST_KEPT:
             kept.pop(next(iter(kept)))
@@ -83,16 +85,15 @@ def mirrored_image(
 
 
 def _mirrored(
-    view: View, bench: Bench, u0: float, v0: float, flip_u: bool, flip_v: bool
+    view: View, bench: Bench, mirror: Mirror, blur_px: float
 ) -> tuple[FloatArray, FloatArray]:
     numbers, _, back = distinct_spots(view, bench)
     spots, camera = bench.spots.take(numbers), bench.optics.camera
-    there = Spots(
-        u=2.0 * u0 - spots.u if flip_u else spots.u, v=2.0 * v0 - spots.v if flip_v else spots.v,
-        stage_deg=spots.stage_deg, height_m=spots.height_m,
-    )  # fmt: skip
+    u, v = mirror.of(spots.u, spots.v)
+    there = Spots(u=u, v=v, stage_deg=spots.stage_deg, height_m=spots.height_m)
     soft = Optics(
-        camera=camera, rays=_SOFT_RAYS, soft_rad=1.0 / (_SOFT_RAYS * camera.fx), scene=bench.optics.scene
+        camera=camera, rays=_SOFT_RAYS, soft_rad=1.0 / (_SOFT_RAYS * camera.fx), scene=bench.optics.scene,
+        spread_px=blur_px,
     )  # fmt: skip
     light, moment = look(soft, there)
     inside = (np.abs(there.u - camera.cx) <= camera.cx + 0.5) & (np.abs(there.v - camera.cy) <= camera.cy + 0.5)

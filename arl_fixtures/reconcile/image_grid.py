@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from arl_fixtures.reconcile.columns import Columns
 
@@ -53,12 +53,30 @@ class ImageGrid:
         inside = (across >= 0) & (across < self._width) & (down >= 0) & (down < self._height)
         target = (image * self._height + down) * self._width + across
         wanted: IntArray = np.where(inside, np.nan_to_num(target, nan=0.0), 0.0).astype(np.int64)
-        if self._cells <= _DENSE_CELLS:
+        if self.is_dense:
             return np.where(inside, (self._neared() if near else self._dense())[wanted], -1)
         order, ranked = self._order()
         place = np.searchsorted(ranked, wanted)
         place[place == order.size] = 0
         return np.where((ranked[place] == wanted) & inside, order[place], -1)
+
+    @property
+    def is_dense(self) -> bool:
+        """Whether its images are few and full enough to be held as such."""
+        return self._cells <= _DENSE_CELLS
+
+    def blurred(self, values: FloatArray, width_px: float) -> FloatArray:
+        """A column of the whole table through a Gaussian over the pixels of each image, of those that it holds."""
+        images = self._dense().reshape(-1, self._height, self._width)
+        there = (images >= 0) & np.isfinite(values)[images]
+        spread = (0.0, width_px, width_px)
+        light, mass = (
+            gaussian_filter(np.where(there, x, 0.0), spread, mode="constant")
+            for x in (np.nan_to_num(values)[images], 1.0)
+        )
+        cell = self._cell()
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.where(cell >= 0, (light / mass).ravel()[cell], np.nan)
 
     def _cell(self) -> IntArray:
         """Cell (image, row, column) of every row of the whole table; −1 where the pixel is not known."""

@@ -186,33 +186,6 @@ class View:
         place = self._image_shift(du, dv)
         return np.where(place >= 0, self.columns.categories[name][0][place], -1)
 
-    def mirrored(
-        self, state: State, channel: str, *, u0: float, v0: float, flip_u: bool = True, flip_v: bool = True
-    ) -> FloatArray:
-        """Value at the pixel mirrored about (u0, v0), linear between pixel centres; NaN outside the table's image.
-
-        For a pixel that the table does not hold stands the nearest one that is close by. With `flip_u=False` or
-        `flip_v=False` the image is mirrored about one axis only.
-        """
-        raster = self._raster()
-        u, v = raster.u[self.rows], raster.v[self.rows]
-        target_u = 2.0 * u0 - u if flip_u else u
-        target_v = 2.0 * v0 - v if flip_v else v
-        low_u, low_v = np.floor(target_u), np.floor(target_v)
-        part_u, part_v = target_u - low_u, target_v - low_v
-        total, weight, image = np.zeros(self.n), np.zeros(self.n), self.frame()
-        for step_u, share_u in ((0, 1.0 - part_u), (1, part_u)):
-            for step_v, share_v in ((0, 1.0 - part_v), (1, part_v)):
-                share = share_u * share_v
-                if not np.any(share > 1e-9):
-                    continue
-                value = self.take(state, channel, raster.rows_at(image, low_u + step_u, low_v + step_v, near=True))
-                good = np.isfinite(value) & (share > 1e-9)
-                total[good] += (share * np.nan_to_num(value))[good]
-                weight[good] += share[good]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.where(weight > 0.5, total / weight, np.nan)
-
     def in_sweep(self, state: State, channel: str, *, steps: int) -> FloatArray:
         """Value of the same pixel `steps` stage angles further (by angle, not by time); NaN beyond the sweep."""
         return self.take(state, channel, self.sweep_place(steps))
@@ -298,11 +271,12 @@ class View:
 
     def _image_shift(self, du: int, dv: int) -> IntArray:
         if (du, dv) not in self._places:
-            raster = self._raster()
+            raster = self.raster()
             self._places[du, dv] = raster.rows_at(self.frame(), raster.u[self.rows] + du, raster.v[self.rows] + dv)
         return self._places[du, dv]
 
-    def _raster(self) -> ImageGrid:
+    def raster(self) -> ImageGrid:
+        """The raster of the whole table's images."""
         memo = self.columns.memo
         if "image grid" not in memo:
             memo["image grid"] = ImageGrid(self.columns)

@@ -10,14 +10,20 @@ from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Value
 from arl_fixtures.reconcile.effects_common import amplitude, light_channels, per_table, shape, signals
 from arl_fixtures.reconcile.effects_frame import add_stray_light, has_frames, ranged_by
 from arl_fixtures.reconcile.effects_image import mirrored_image
+from arl_fixtures.reconcile.effects_mirror import Mirror, mirrored, mirrored_blur, mirrored_range
 from arl_fixtures.reconcile.view import View
 
 _BESIDE = {"u": (0.0, -1.5, 1.5, -3.0, 3.0), "v": (0.0, -1.5, 1.5)}  # whole pixels of shift: one look-up each
+_SOFT_BESIDE = {"u": (0.0, -2.5, 2.5), "v": (0.0,)}  # a blur of 1.5 px reaches as far
+_WIDEST_PX = 6.0
 _FLIPS = {"point": (True, True), "columns": (True, False), "rows": (False, True)}
 
 
 class Ghost(Effect):
-    """I(u, v) += share·I(2·centre_u − u, 2·centre_v − v); the distance moves towards the mirrored pixel's."""
+    """I(u, v) += share·I(2·centre_u − u, 2·centre_v − v); the distance moves towards the mirrored pixel's.
+
+    A ghost is seldom in focus: with `blur` the mirrored image is spread by a Gaussian of that standard deviation.
+    """
 
     id = "optics.ghost"
     stage = Stage.OPTICS
@@ -26,15 +32,17 @@ class Ghost(Effect):
     confusable = ("optics.veiling_glare", "air.multipath")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """Mirrored about the optical axis, about its column, about its row."""
+        """Mirrored about the optical axis, sharp or spread; about its column, about its row."""
         if not has_frames(view):
             return
         for channel in signals(view):
             moved = ranged_by(view, channel)
-            for flip, (across, along) in _FLIPS.items():
+            for flip, soft in (*((flip, False) for flip in _FLIPS), ("point", True)):
+                across, along = _FLIPS[flip]
                 if (across and not view.varies("pixel_u")) or (along and not view.varies("pixel_v")):
                     continue
                 parameters: list[Parameter] = [amplitude("share", "1", 0.0, 0.5, 0.01)]
+                beside = _SOFT_BESIDE if soft else _BESIDE
                 for letter, used in (("u", across), ("v", along)):
                     if used:
                         middle = _axis(view, letter)
@@ -44,14 +52,16 @@ class Ghost(Effect):
                                 "px",
                                 middle - 5.0,
                                 middle + 5.0,
-                                *(middle + x for x in (_BESIDE[letter] if flip == "point" else (0.0,))),
+                                *(middle + x for x in (beside[letter] if flip == "point" else (0.0,))),
                             )
                         )
+                if soft:
+                    parameters.append(shape("blur", "px", 0.2, _WIDEST_PX, 1.5))
                 if moved:
                     parameters.append(shape("pull", "1", 0.0, 1.5, 0.5))
                 yield Variant(
                     effect=self.id,
-                    options={"channel": channel, "flip": flip},
+                    options={"channel": channel, "flip": flip} | ({"soft": True} if soft else {}),
                     parameters=tuple(parameters),
                     channels=tuple(dict.fromkeys((*moved, *light_channels(view, channel)))),
                     drivers=tuple(name for name in ("pixel_u", "pixel_v") if view.varies(name)),
@@ -61,19 +71,21 @@ class Ghost(Effect):
         """Adds the mirrored pixel's light with its range."""
         channel, share = str(variant.options["channel"]), float(values["share"])
         across, along = _FLIPS[str(variant.options["flip"])]
-        centre = {"u0": float(values.get("centre_u", 0.0)), "v0": float(values.get("centre_v", 0.0))}
-        rendered = mirrored_image(view, flip_u=across, flip_v=along, **centre)
-        far = {}
+        mirror = Mirror(float(values.get("centre_u", 0.0)), float(values.get("centre_v", 0.0)), across, along)
+        blur = float(values.get("blur", 0.0))
+        rendered = mirrored_image(view, mirror, blur)
+        moved = ranged_by(view, channel) if float(values.get("pull", 0.0)) > 0.0 else ()
         if rendered is not None:
-            mirrored = rendered[0] * state[channel]
-            far = {distance: rendered[1][distance] for distance in ranged_by(view, channel)}
+            seen = rendered[0] * state[channel]
+            far = {distance: rendered[1][distance] for distance in moved}
+        elif blur > 0.0:
+            seen = mirrored_blur(view, state, channel, mirror, blur)
+            far = {distance: mirrored_range(view, distance, channel, mirror, blur) for distance in moved}
         else:
-            mirrored = view.mirrored(state, channel, flip_u=across, flip_v=along, **centre)
-            if float(values.get("pull", 0.0)) > 0.0:
-                for distance in ranged_by(view, channel):
-                    far[distance] = view.mirrored(state, distance, flip_u=across, flip_v=along, **centre)
+            seen = mirrored(view, state, channel, mirror)
+            far = {distance: mirrored(view, state, distance, mirror) for distance in moved}
         add_stray_light(
-            view, state, channel, stray=share * mirrored, far=far, pull=float(values.get("pull", 0.0)), kept=1.0
+            view, state, channel, stray=share * seen, far=far, pull=float(values.get("pull", 0.0)), kept=1.0
         )
 
     def expression(self, variant: Variant) -> str:
@@ -82,13 +94,17 @@ class Ghost(Effect):
         across, along = _FLIPS[str(variant.options["flip"])]
         u = "2 centre_u - pixel_u" if across else "pixel_u"
         v = "2 centre_v - pixel_v" if along else "pixel_v"
-        return f"{channel} += share * {channel}[{u}, {v}]; distance moves by pull * (share of the ghost's light)"
+        spread = ", spread by `blur`" if variant.options.get("soft") else ""
+        added = f"share * {channel}[{u}, {v}]{spread}"
+        return f"{channel} += {added}; distance moves by pull * (share of the ghost's light)"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Share and mirror."""
         about = ", ".join(f"{x} = {values[f'centre_{x}']:.1f}" for x in "uv" if f"centre_{x}" in values)
+        focus = f", out of focus by {values['blur']:.1f} pixels" if "blur" in values else ""
         return (
-            f"An internal reflection adds {values['share'] * 100:.2f} % of the image, mirrored about pixel {about}."
+            f"An internal reflection adds {values['share'] * 100:.2f} % of the image, mirrored about pixel {about}"
+            f"{focus}."
         )
 
     def next_experiment(self, variant: Variant) -> str:

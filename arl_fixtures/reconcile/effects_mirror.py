@@ -1,0 +1,83 @@
+"""The image turned round: what the table's own pixels see at the place that a mirror shows each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.effects_common import FloatArray
+from arl_fixtures.reconcile.view import IntArray, View
+
+
+class Mirror(NamedTuple):
+    """About which pixel an image is turned round, and along which of its axes."""
+
+    u0: float
+    v0: float
+    flip_u: bool = True
+    flip_v: bool = True
+
+    def of(self, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Columns and rows of the mirrored pixels."""
+        return 2.0 * self.u0 - u if self.flip_u else u, 2.0 * self.v0 - v if self.flip_v else v
+
+
+def mirrored(view: View, state: State, channel: str, mirror: Mirror) -> FloatArray:
+    """Value at the mirrored pixel, linear between pixel centres; NaN outside the table's image.
+
+    For a pixel that the table does not hold stands the nearest one that is close by.
+    """
+    return _between(view, mirror, partial(view.take, state, channel))
+
+
+def mirrored_blur(view: View, state: State, channel: str, mirror: Mirror, width_px: float) -> FloatArray:
+    """The same of the simulation as it was, through a Gaussian of `width_px`, scaled by what was done to the row.
+
+    Images too large and sparse for a raster stay sharp.
+    """
+    spread = _spread(view, view.columns.numbers[f"sim_{channel}"], width_px)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scale = state[channel] / view.sim[channel]
+    return _between(view, mirror, partial(_at, spread)) * np.where(np.isfinite(scale), scale, 1.0)
+
+
+def mirrored_range(view: View, distance: str, channel: str, mirror: Mirror, width_px: float) -> FloatArray:
+    """Mean by light of a simulated distance about the mirrored pixel, through a Gaussian of `width_px`."""
+    light = view.columns.numbers[f"sim_{channel}"]
+    there = _between(view, mirror, partial(_at, _spread(view, light, width_px)))
+    moment = _spread(view, light * view.columns.numbers[f"sim_{distance}"], width_px)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(_between(view, mirror, partial(_at, moment)) / there)
+
+
+def _spread(view: View, column: FloatArray, width_px: float) -> FloatArray:
+    raster = view.raster()
+    return raster.blurred(column, width_px) if raster.is_dense else column
+
+
+def _at(column: FloatArray, place: IntArray) -> FloatArray:
+    return np.where(place >= 0, column[place], np.nan)
+
+
+def _between(view: View, mirror: Mirror, take: Callable[[IntArray], FloatArray]) -> FloatArray:
+    """What `take` finds at the four pixels about each mirrored place, weighted by how near they are."""
+    raster = view.raster()
+    target_u, target_v = mirror.of(raster.u[view.rows], raster.v[view.rows])
+    low_u, low_v = np.floor(target_u), np.floor(target_v)
+    part_u, part_v = target_u - low_u, target_v - low_v
+    total, weight, image = np.zeros(view.n), np.zeros(view.n), view.frame()
+    for step_u, share_u in ((0, 1.0 - part_u), (1, part_u)):
+        for step_v, share_v in ((0, 1.0 - part_v), (1, part_v)):
+            share = share_u * share_v
+            if not np.any(share > 1e-9):
+                continue
+            value = take(raster.rows_at(image, low_u + step_u, low_v + step_v, near=True))
+            good = np.isfinite(value) & (share > 1e-9)
+            total[good] += (share * np.nan_to_num(value))[good]
+            weight[good] += share[good]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(weight > 0.5, total / weight, np.nan)
