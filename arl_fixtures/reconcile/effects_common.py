@@ -281,6 +281,22 @@ def set_light(view: View, state: State, channel: str, light: FloatArray) -> None
     old, new = variance_at(view, channel, before), variance_at(view, channel, light)
     growth = new / np.maximum(old, 1e-300)
     state[scatter] = state[scatter] * np.sqrt(growth)
+    _spread_ranges(view, state, channel, (before, old), (light, new))
+
+
+def add_noise(view: View, state: State, channel: str, variance: FloatArray) -> None:
+    """Add one-frame variance to a signal's scatter; that of the distance follows the table's noise laws."""
+    scatter = f"{channel}_std"
+    if scatter in state:
+        state[scatter] = np.sqrt(state[scatter] ** 2 + variance)
+    light, old = state[channel], variance_at(view, channel, state[channel])
+    _spread_ranges(view, state, channel, (light, old), (light, old + variance))
+
+
+def _spread_ranges(
+    view: View, state: State, channel: str, was: tuple[FloatArray, FloatArray], now: tuple[FloatArray, FloatArray]
+) -> None:
+    """Scatter of distances when light and variance of the signal that they are timed by change."""
     if channel != view.channel(Role.INTENSITY):
         return
     for distance in distances(view):
@@ -288,9 +304,10 @@ def set_light(view: View, state: State, channel: str, light: FloatArray) -> None
         if f"{distance}_std" not in state or b == 0.0:
             continue
         with np.errstate(divide="ignore", invalid="ignore"):
-            was = a + b * old / np.where(before > 0.0, before, np.nan) ** 2
-            now = a + b * new / np.where(light > 0.0, light, np.nan) ** 2
-            ratio = np.sqrt(np.clip(now / was, 1e-4, 1e4))
+            before, after = (
+                a + b * spread / np.where(light > 0.0, light, np.nan) ** 2 for light, spread in (was, now)
+            )
+            ratio = np.sqrt(np.clip(after / before, 1e-4, 1e4))
         state[f"{distance}_std"] = state[f"{distance}_std"] * np.where(np.isfinite(ratio), ratio, 1.0)
 
 

@@ -71,7 +71,8 @@ def _above_the_floor(view: View, unit: str) -> list[tuple[dict[str, Option], tup
 
 
 def _is_of_wall(name: str) -> bool:
-    return not name.startswith("sim_") and any(part in _WALLS for part in name.split("_"))
+    words = name.split("_")
+    return words[0] != "sim" and any(word in _WALLS or word.endswith("wall") for word in words)
 
 
 def _is_target(view: View, name: str) -> bool:

@@ -71,12 +71,12 @@ def _fit_pattern(
     counted = any(channel.name in variant.channels for channel in view.channels(Role.FRACTION))
     null = parameter.null if parameter.null is not None else 0.0
     sparse = parameter.low >= null or parameter.high <= null
-    by_light = sparse and not counted and "step" in parameter.per
+    by_light = sparse and not counted and ("step" if view.varies("step") else "cycle") in parameter.per
     if by_light and not any(
         some_dark(d, base[d.channel.name][d.use]) for d in problem.data if d.channel.name in variant.channels
     ):
         return None
-    if len(keys) < FEWEST_LEVELS or view.n < (1 if counted else 2) * len(keys):
+    if len(keys) < FEWEST_LEVELS or view.n < (1 if counted or by_light else 2) * len(keys):
         return None
     step = 0.1 * parameter.typical
     uniform = dict.fromkeys(keys, null + step)
@@ -127,11 +127,11 @@ def _fit_pattern(
             return None  # what most of them lose in part is no death: dirt, or another scene
         chosen = int(strong.sum())
         if by_light:
-            died = deaths(keys, parameter.per, strong, np.sqrt(due) > SPARSE_Z)
+            died = deaths(keys, parameter.per, due, lack)
             if not died.on_the_way:
                 return None
-            strong, chosen = died.gone, died.pixels  # each chose one moment: what follows, it did not
-        values[strong] = estimate[strong]
+            strong, chosen = died.gone & good, died.pixels  # each chose one moment: what follows, it did not
+        values[strong] = parameter.typical if by_light else estimate[strong]
         measured = values
         gain = float(0.5 * np.sum(z[strong] ** 2) - chosen * np.log(len(keys)))
         size = float(strong.sum())

@@ -1,4 +1,4 @@
-"""Pixels that fell silent at a step, where only their light is measured: it is gone and does not come back."""
+"""Pixels that fell silent at a step or a cycle, where only light is measured: it is gone and does not come back."""
 
 from __future__ import annotations
 
@@ -41,29 +41,46 @@ class Deaths:
 
 
 def deaths(
-    keys: Sequence[tuple[str, ...]], per: Sequence[str], gone: NDArray[np.bool_], would_tell: NDArray[np.bool_]
+    keys: Sequence[tuple[str, ...]], per: Sequence[str], due: NDArray[np.float64], lack: NDArray[np.float64]
 ) -> Deaths:
-    """Levels of `gone` whose pixel is gone in every later level that would tell of it.
+    """Levels from which on a pixel has lost its light: where that is likeliest, and sure of all that follow together.
+
+    A level alone may be too dim to tell; none that follows may have its light.
 
     Args:
         keys: of the levels, values in the order of `per`.
         per: columns of the levels, those of `RECORD_TIME` among them.
-        gone: (levels,) whether the light is gone there.
-        would_tell: (levels,) whether the light that is due there is enough to see that it is gone.
+        due: (levels,) squared light that is due there, in standard errors.
+        lack: (levels,) that light times the light that is lacking.
     """
     times = [k for k, name in enumerate(per) if name in RECORD_TIME]
     of_pixel: dict[tuple[str, ...], list[tuple[tuple[float, ...], int]]] = {}
     for level, key in enumerate(keys):
-        if would_tell[level] or gone[level]:
+        if due[level] > 0.0:
             pixel = tuple(x for k, x in enumerate(key) if k not in times)
             of_pixel.setdefault(pixel, []).append((moment_of(tuple(key[k] for k in times)), level))
     kept, pixels, on_the_way = np.zeros(len(keys), dtype=bool), 0, False
     for levels in of_pixel.values():
-        since: tuple[float, ...] | None = None
-        for moment, level in sorted(levels, reverse=True):
-            if not gone[level]:
-                on_the_way = on_the_way or (since is not None and moment[:-1] == since[:-1])
-                break
-            kept[level], since = True, moment
-        pixels += since is not None
+        moments, order = zip(*sorted(levels), strict=True)
+        at = np.array(order)
+        after = np.cumsum((lack - 0.5 * due)[at][::-1])[::-1]  # log-likelihood that it is gone from there on
+        since = int(np.argmax(after))
+        tail = at[since:]
+        if after[since] <= 0.0 or not _are_dark(due[tail], lack[tail]):
+            continue
+        kept[tail] = True
+        pixels += 1
+        cycle = moments[since][:-1]
+        before = [order[k] for k in range(since) if moments[k][:-1] == cycle]
+        on_the_way = on_the_way or _has_light(due[before], lack[before])
     return Deaths(kept, pixels, on_the_way)
+
+
+def _are_dark(due: NDArray[np.float64], lack: NDArray[np.float64]) -> bool:
+    """Whether all levels together lack their light for sure, and none of them has it."""
+    dark = float(lack.sum()) > max(LIT * float(np.sqrt(due.sum())), (1.0 - LEFT) * float(due.sum()))
+    return dark and bool(np.all(due - lack < LIT * np.sqrt(due)))
+
+
+def _has_light(due: NDArray[np.float64], lack: NDArray[np.float64]) -> bool:
+    return float((due - lack).sum()) > LIT * float(np.sqrt(due.sum()))

@@ -85,3 +85,32 @@ def test_light_that_comes_back_or_is_lacking_everywhere_is_no_dead_pixel(told):
     }[told]
     found = diagnose(sweeps(4, left, tails=2.0 * (told == "wild frames")), effects=KNOWN)[0].findings
     assert "detector.dead_pixels" not in [f.effect for f in found]
+
+
+def weak(seed, since_of, *, left=0.0):
+    """Two single frames a cycle of each pixel, before a dark and a bright board: photons, and a noisy amplifier."""
+    rng = np.random.default_rng(seed)
+    cycle, pixel, board = (a.ravel() for a in np.meshgrid(60 * np.arange(12), range(60), range(2), indexing="ij"))
+    light = np.array([35.0, 110.0])[board] * (1.0 + 0.2 * np.cos(pixel / 4.0))
+    dead = cycle >= np.array([since_of.get(p, 10_000) for p in range(60)])[pixel]
+    seen = rng.poisson(light * np.where(dead, left, 1.0)) + 14.0 * rng.normal(size=light.size)
+    kept = rng.random(light.size) > 0.08
+    numbers = {
+        "cycle": 1.0 * cycle, "pixel_u": 1.0 * (pixel % 10), "pixel_v": 1.0 * (pixel // 10),
+        "reflectance": np.array([0.1, 0.32])[board], "n_frames": np.ones(light.size),
+        "intensity_counts": np.where(dead & (left == 0.0), 0.0, np.round(seen)),
+        "sim_intensity_counts": light, "sim_intensity_counts_std": np.sqrt(light + 14.0**2),
+    }  # fmt: skip
+    return columns_of(pa.table({name: values[kept] for name, values in numbers.items()}))
+
+
+def test_pixels_too_dim_to_tell_at_a_cycle_are_dead_from_one_on():
+    (found,) = diagnose(weak(7, {11: 240, 12: 480, 44: 360, 58: 600}), effects=KNOWN)[0].findings
+    assert found.effect == "detector.dead_pixels"
+    assert found.parameters[0].value == 4
+    assert "cycle" in found.drivers
+
+
+def test_dim_pixels_that_lose_half_of_their_light_are_not_dead():
+    found = diagnose(weak(8, {11: 240, 12: 480, 44: 360, 58: 600}, left=0.5), effects=KNOWN)[0].findings
+    assert "detector.dead_pixels" not in [f.effect for f in found]

@@ -39,8 +39,9 @@ def test_light_by_way_of_a_wall_whose_distance_was_logged(white):
     light = 4000.0 / far**2
     blur, error = np.full(n, 0.12), np.sqrt(900.0 + 30.0 * light)
     made = columns_of(pa.table({
-        "step": np.arange(n) // 40, "corner_distance_m": beside, "true_range_m": far,
-        **({"side_wall_reflectance": albedo} if white else {}), "n_frames": np.full(n, 20.0),
+        "step": np.arange(n) // 40, ("gap_to_sidewall_m" if white else "corner_distance_m"): beside,
+        "true_range_m": far,
+        **({"sidewall_reflectance": albedo} if white else {}), "n_frames": np.full(n, 20.0),
         "sim_distance_m": far, "sim_distance_m_std": blur, "sim_intensity_counts": light,
         "sim_intensity_counts_std": error,
         "distance_m": far + share / (1.0 + share) * longer + blur * rng.normal(size=n) / np.sqrt(20.0),
@@ -48,7 +49,7 @@ def test_light_by_way_of_a_wall_whose_distance_was_logged(white):
     }))  # fmt: skip
     found = diagnose(made)[0].findings
     assert [f.effect for f in found] == ["air.multipath"]
-    assert found[0].drivers[0] == "corner_distance_m"
+    assert found[0].drivers[0] == ("gap_to_sidewall_m" if white else "corner_distance_m")
 
 
 def test_a_wall_that_is_the_target_itself_is_not_beside_it():

@@ -12,15 +12,16 @@ from arl_fixtures.reconcile.effects_avalanche import bias_column, breakdown, lig
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     above,
+    add_noise,
     amplitude,
     exposure_column,
+    light_channels,
     noise_law,
     rounded,
     shape,
     signals,
     temperature_drivers,
     top_signal,
-    with_scatter,
 )
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
@@ -72,7 +73,7 @@ class DarkOffset(Effect):
                     options |= {"exposure": exposure, "longest": rounded(view.span(exposure)[1])}
                 if gain:
                     options |= {"gain": gain, "highest_gain": rounded(view.span(gain)[1])}
-                shot, seen = noise_law(view, channel)[1], with_scatter(view, channel)
+                shot, seen = noise_law(view, channel)[1], light_channels(view, channel)
                 if len(seen) > 1:  # only a scatter that was measured can tell
                     start = shot if shot > 0.0 else 1e-3 * top
                     parameters.append(shape("shot", f"{unit}^2/{unit}", 0.0, 20.0 * start, start))
@@ -107,11 +108,9 @@ class DarkOffset(Effect):
             added = added * view.number(str(variant.options["exposure"])) / float(variant.options["longest"])
         if "gain" in variant.options:
             added = added * view.number(str(variant.options["gain"])) / float(variant.options["highest_gain"])
+        shot = float(values.get("shot", variant.options.get("shot", 0.0)))
+        add_noise(view, state, channel, shot * added)  # before the counts: they time nothing
         state[channel] = state[channel] + added
-        scatter = f"{channel}_std"
-        if scatter in state:
-            shot = float(values.get("shot", variant.options.get("shot", 0.0)))
-            state[scatter] = np.sqrt(state[scatter] ** 2 + shot * added)
 
     def expression(self, variant: Variant) -> str:
         """The law."""

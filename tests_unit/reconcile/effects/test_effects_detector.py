@@ -160,3 +160,28 @@ def test_pixel_gains_and_dead_pixels_are_fields():
     dead = (pixel % 7 == 0).astype(float)
     fraction = corrected(view, variant_of(view, "detector.dead_pixels"), dead=dead)["valid_fraction"]
     np.testing.assert_array_equal(fraction, 1.0 - dead)
+
+
+def test_dark_counts_scatter_the_time_of_a_pulse_as_its_amplifier_would():
+    """A pulse rises through half its height on a noisy line; its time scatters with the noise over the slope."""
+    rng = np.random.default_rng(12)
+    own, dark, read = np.array([300.0, 1200.0]), 150.0, 12.0
+    rise = np.linspace(0.0, 1.0, 2001)  # of the pulse, in ns
+
+    def timed(light, variance):
+        level = light * (0.5 - 0.5 * np.cos(np.pi * rise))
+        slope = np.interp(0.5, level / light, np.gradient(level, rise))
+        return 0.15 * np.hypot(0.02, (np.sqrt(variance) * rng.normal(size=20_000) / slope).std())
+
+    still, noisy = ([timed(x, read**2 + x + more) for x in own] for more in (0.0, dark))
+    numbers = {
+        "signal_counts": own, "sim_signal_counts": own, "sim_signal_counts_std": np.sqrt(read**2 + own),
+        "distance_m": np.full(2, 5.0), "sim_distance_m": np.full(2, 5.0), "distance_m_std": np.array(noisy),
+        "sim_distance_m_std": np.array(still), "tof_temperature_c": np.full(2, 40.0),
+    }  # fmt: skip
+    many = {name: np.tile(values, 40) for name, values in numbers.items()}
+    view = View(make_columns(many, {}, shuffle=None)[0])
+    variant = variant_of(view, "detector.dark_offset")
+    assert "distance_m_std" in variant.channels
+    state = corrected(view, variant, dark=dark, shot=1.0)
+    np.testing.assert_allclose(state["distance_m_std"][:2], noisy, rtol=0.03)
