@@ -37,6 +37,10 @@ _Levels = tuple[Level, ...]
 _Fitted = tuple[float, dict[str, float], _Levels, _Levels]  # likelihood, scatters, the levels, their best order
 
 
+CLEARLY_ADDED = 15.0
+"""Log-likelihood by which steps that differ by an amount must be likelier than steps that differ by a share."""
+
+
 @dataclass(slots=True, kw_only=True)
 class ChannelData:
     """One channel on the rows that can be compared.
@@ -174,8 +178,32 @@ class ChannelData:
         """Let gains and what groups share be parts of other values: of two kinds, they would differ by any curve."""
         self.scale = scale
         self.levels = tuple(
-            level if level.declared or level.name == "unit" else replace(level, scale=scale) for level in self.levels
+            level if level.declared or level.added or level.name == "unit" else replace(level, scale=scale)
+            for level in self.levels
         )
+
+    def tell_step_scatter(self, residual: FloatArray) -> bool:
+        """Let steps differ by an amount and not by a share of the signal, where what nobody declared is clearly that.
+
+        A dark level that is found anew at every step is one; bright rows hardly show it.
+
+        Returns:
+            Whether they do now, and did not before.
+        """
+        place = next((k for k, v in enumerate(self.levels) if v.name == "step"), None)
+        if self.channel.role is not Role.INTENSITY or place is None:
+            return False
+        if self.levels[place].declared or self.levels[place].added or self.levels[place].floor > 0.0:
+            return False
+        share = self.fit_scatter(residual)[0]
+        amount = replace(
+            self.levels[place], scale=np.full(len(self.use), float(np.median(self.scale))), added=True
+        )
+        before, self.levels = self.levels, (*self.levels[:place], amount, *self.levels[place + 1 :])
+        clear = self.fit_scatter(residual)[0] > share + CLEARLY_ADDED
+        if not clear:
+            self.levels = before
+        return clear
 
     def free_zero(self) -> None:
         """Let each unit's signal have a zero of its own, beside an effect that the user's calibration did not know.

@@ -229,6 +229,9 @@ class Decision:
         state, features = forward(self.terms, self.problem.view), self.found.looker.features
         for d in self.problem.data:
             name = d.channel.name
+            if d.tell_step_scatter(d.residual(state)):  # after all names: a dark signal is one of them
+                self.found.looker.calibrate(d, state)
+                self.after[name] = self.found.looker.look(d, state)
             acting = [t for t in self.terms if name in self.energy(t)]
             acted = bool(acting)
             if acted and d.channel.role is Role.SCATTER and not is_structure(self.found.before[name]):

@@ -36,6 +36,7 @@ class Level:
         scale: shape of the shared error on each row: τ·scale is its standard deviation.
         floor: lower bound of τ (1 where the scale is the declared repeatability).
         declared: whether the table states this scatter.
+        added: whether groups differ by an amount, whatever the signal, and not by a share of it.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Level:
     scale: FloatArray
     floor: float = 0.0
     declared: bool = False
+    added: bool = False
 
     @property
     def freedom(self) -> float:
@@ -147,9 +149,13 @@ def share_more_than_stated(levels: tuple[Level, ...], tau: dict[str, float]) -> 
 
 
 def ordered_like(other: tuple[Level, ...], levels: tuple[Level, ...]) -> tuple[Level, ...]:
-    """Levels in the order of those of another part of the same channel."""
+    """Levels in the order of those of another part of the same channel, and of their shapes."""
     place = {level.name: k for k, level in enumerate(other)}
-    return tuple(sorted(levels, key=lambda level: place.get(level.name, -1)))
+    added = {level.name: float(level.scale[0]) for level in other if level.added}
+    alike = (
+        replace(v, scale=np.full(len(v.code), added[v.name]), added=True) if v.name in added else v for v in levels
+    )
+    return tuple(sorted(alike, key=lambda level: place.get(level.name, -1)))
 
 
 def surprise(tau: float, floor: float, freedom: float) -> float:

@@ -170,3 +170,25 @@ def test_images_that_scatter_by_a_share_of_their_light_show_it_where_it_is_stron
     findings = diagnose(columns_of(91, flicker), effects=known)[0].findings
     assert [f.effect for f in findings] == ["bench.repeatability"]
     assert not diagnose(columns_of(92), effects=known)[0].findings
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+def test_a_dark_level_found_anew_at_every_step_is_no_law_of_the_room(tmp_path, save, seed):
+    """The clamp of a row of converters settles elsewhere at each step: as many counts to dark and bright pixels."""
+    rng = np.random.default_rng(seed)
+    step, angle, pixel = (a.ravel() for a in np.meshgrid(np.arange(14), np.arange(8), np.arange(40), indexing="ij"))
+    board = (pixel + 3 * angle) % 5
+    light = np.array([60.0, 150.0, 420.0, 1100.0, 2600.0])[board] * (1.0 + 0.003 * pixel)
+    noise = np.sqrt(40.0 + 0.25 * light + (0.004 * light) ** 2)
+    clamped = 1.6 * rng.normal(size=14)
+    room = 22.0 + np.cumsum(rng.normal(0.0, 0.2, 14))
+    made = {
+        "step": step, "time_s": 720.0 * step + 20.0 * angle, "stage_angle_deg": 4.0 * angle, "pixel_u": 3 * pixel,
+        "surface": np.array(["felt", "grey", "card", "paper", "white"])[board],
+        "set_temperature_c": np.where(step < 7, -10.0 + 15.0 * step, 85.0 - 15.0 * (step - 7)),
+        "ambient_temperature_c": room[step], "humidity_pct": rng.uniform(20.0, 60.0, 14)[step],
+        "rail_1v8_v": 1.8 + 0.002 * rng.normal(size=step.size), "n_frames": np.full(step.size, 10.0),
+        "sim_intensity_counts": light, "sim_intensity_counts_std": noise,
+        "intensity_counts": light + clamped[step] + noise / np.sqrt(10.0) * rng.normal(size=step.size),
+    }  # fmt: skip
+    assert not diagnose(load_table(save(tmp_path / "table.parquet", made)))[0].findings
