@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 from scipy.special import ndtri
+from traced_bench import FIFTEENTHS, LIGHT, table, trace
 
+from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.effects_camera import Camera
 from arl_fixtures.reconcile.effects_rays import Optics, Pose, Spots, look
+from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.twin.scene import SceneSettings
 
 CAMERA = Camera(fx=58.1, fy=66.0, cx=63.5, cy=15.5, k4=0.198)
@@ -29,3 +32,16 @@ def test_a_blur_smaller_than_the_soft_edge_is_that_of_scattered_rays(sigma_px):
     size = np.max(np.abs(added))
     assert size > 1e-4
     assert np.max(np.abs(predicted - added)) < 0.15 * size
+
+
+def test_light_from_beside_a_pixel_is_a_blur_and_no_mixture_of_what_is_in_it():
+    """A tenth of the light spreads over 1.6 pixels, seen over whole ones; the simulation has nine rays in each."""
+    columns = table(seed=11, angles=13, pixels=64)
+    u, v, stage = (columns.numbers[name] for name in ("pixel_u", "pixel_v", "stage_angle_deg"))
+    (own, _), (wide, _) = (trace(u, v, stage, 0.10, places=tuple(x * np.array(FIFTEENTHS))) for x in (1.0, 1.6))
+    rays = trace(u, v, stage, 0.10)[0]
+    columns.numbers[LIGHT] = columns.numbers[LIGHT] + columns.numbers[f"sim_{LIGHT}"] * 0.1 * (wide - own) / rays
+    known = ("optics.defocus", "target.edge_mixing", "stage.zero_offset")
+    findings = diagnose(columns, effects=[library()[name] for name in known])[0].findings
+    assert findings[0].effect == "optics.defocus"
+    assert "target.edge_mixing" not in [f.effect for f in findings]

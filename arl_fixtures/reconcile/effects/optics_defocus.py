@@ -24,7 +24,7 @@ from arl_fixtures.reconcile.effects_common import (
 from arl_fixtures.reconcile.effects_frame import has_frames, ranged_by
 from arl_fixtures.reconcile.effects_pointing import spread_rays
 from arl_fixtures.reconcile.effects_rays import Pose
-from arl_fixtures.reconcile.effects_render import as_simulated, convolved, rendered
+from arl_fixtures.reconcile.effects_render import as_simulated, convolved, footprint, rendered
 from arl_fixtures.reconcile.effects_scene import pixel_width, scene
 from arl_fixtures.reconcile.view import View
 
@@ -34,7 +34,8 @@ class Defocus(Effect):
 
     Where the scene can be rendered, two ways: the rays spread before they meet the scene, or the finished image is
     convolved. They part where pixels sample an edge by few rays. Where a sweep shows the scene finer than its pixels,
-    the rays spread over that.
+    the rays spread over that. And where the simulation looks through a few sharp rays, as what it cannot show: a
+    share of the light comes from an area `wide` pixels across.
     Light and range mix: the distance becomes the mean of what the blurred pixel sees, weighted by its light.
     """
 
@@ -52,12 +53,14 @@ class Defocus(Effect):
         columns = temperature_drivers(view, "lens_temperature_c", "housing_temperature_c", limit=1)
         kinds: tuple[str, ...] = ("image",)
         if bench_of(view) is not None:
-            kinds = ("rays", "image")
+            kinds = ("rays", "image", "halo") if is_sharp(view) else ("rays", "image")
         elif scene(view) is not None and all(map(view.varies, ("stage_angle_deg", "azimuth_deg", "pixel_u"))):
             kinds = ("scene", "image")
         for channel in signals(view):
             for column, kind in itertools.product(("", *columns), kinds):
                 parameters: tuple[Parameter, ...] = (amplitude("width", "px", 0.0, 1.2, 0.3),)
+                if kind == "halo":
+                    parameters = (amplitude("share", "1", 0.0, 0.9, 0.05), shape("wide", "px", 1.1, 3.0, 1.5))
                 scale = 1.0
                 if column:
                     low, high = view.span(column)
@@ -68,14 +71,14 @@ class Defocus(Effect):
                     options={"channel": channel, "temperature": column, "range": scale, "kind": kind},
                     parameters=parameters,
                     channels=tuple(dict.fromkeys((*ranged_by(view, channel), *light_channels(view, channel)))),
-                    rough=kind == "rays" and is_sharp(view),
+                    rough=kind in ("rays", "halo") and is_sharp(view),
                     drivers=(*((column,) if column else ()), "pixel_u", "pixel_v"),
                 )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Blurs the rendered scene where it is known, else the pixels that the table holds."""
         channel, column = str(variant.options["channel"]), str(variant.options["temperature"])
-        width: FloatArray = np.full(view.n, float(values["width"]))
+        width: FloatArray = np.full(view.n, float(values.get("width", values.get("share", 0.0))))
         if column:
             width = width * np.abs(above(view, column, float(values["sharpest"]))) / float(variant.options["range"])
         far = ranged_by(view, channel)
@@ -85,6 +88,9 @@ class Defocus(Effect):
             spread = np.sqrt(variance)
             if found is not None:
                 spread_rays(view, state, spread * pixel_width(view)[view.rows], spread * found.pitch_deg)
+            return
+        if variant.options["kind"] == "halo":
+            _halo(view, state, channel, width, float(values["wide"]))
             return
         if variant.options["kind"] == "rays":
             seen = rendered(view, Pose(blur_px=np.sqrt(variance)))
@@ -107,11 +113,17 @@ class Defocus(Effect):
         """The law."""
         channel, column = variant.options["channel"], variant.options["temperature"]
         grown = f" * |{column} - sharpest| / {variant.options['range']}" if column else ""
+        if variant.options["kind"] == "halo":
+            return f"{channel} += share{grown} * (mean over an area `wide` pixels across - {channel})"
         return f"{channel} = {channel} blurred over pixels by a Gaussian of standard deviation width{grown}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Width of the blur."""
         column = variant.options["temperature"]
+        if "share" in values:
+            when = f" at the ends of {column}" if column else ""
+            part, wide = f"{values['share'] * 100:.2g} %", f"{values['wide']:.1f}"
+            return f"The image is blurred{when}: {part} of a pixel's light comes from an area {wide} pixels across."
         if not column:
             return f"The image is blurred by {values['width']:.2f} pixels (standard deviation)."
         return (
@@ -126,6 +138,19 @@ class Defocus(Effect):
             "the "
             "distance from best focus, electrical crosstalk does not change."
         )
+
+
+def _halo(view: View, state: State, channel: str, share: FloatArray, wide_px: float) -> None:
+    """Let a share of each row's light come from an area about its pixel, by light; range follows."""
+    mean, rays = footprint(view, wide_px), rendered(view)
+    if mean is None or rays is None:
+        return
+    known = as_simulated(view)
+    part = np.where(known, share * mean[channel] / rays[channel], 0.0)
+    ratio = np.maximum(1.0 + part - np.where(known, share, 0.0), 0.01)
+    for distance in ranged_by(view, channel):
+        state[distance] = state[distance] + part / ratio * (mean[distance] - rays[distance])
+    set_light(view, state, channel, state[channel] * ratio)
 
 
 _WIDEST = 1.2

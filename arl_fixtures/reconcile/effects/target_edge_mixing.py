@@ -26,10 +26,10 @@ from arl_fixtures.reconcile.view import View
 _PEAKS = ("echo", "locked")
 _OF_RAYS = ("first ray", "peak of rays", "peak at mean")
 _SPREAD = {
-    "footprint": shape("filled", "px", 0.3, 1.5, 1.0, 0.7),
-    "blurred": shape("blur", "px", 0.05, 1.2, 0.3),
+    "footprint": shape("filled", "px", 0.3, 1.1, 1.0, 0.7),
+    "blurred": shape("blur", "px", 0.05, 0.5, 0.3),
 }
-"""Means over a whole pixel: kind to how wide it is."""
+"""Means over a whole pixel: kind to how wide it is. What lies further beside it is a blur's, see `optics.defocus`."""
 _CLIMBS = 25
 
 
