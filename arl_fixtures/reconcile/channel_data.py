@@ -33,12 +33,10 @@ CALIBRATED = (Role.INTENSITY, Role.DISTANCE)
 SUITED = 4.0
 """Log-likelihood by which an order of scatters must be likelier than one in which the larger comes first: each is
 approximate, and a little likelihood may be what it takes too little of."""
-_Levels = tuple[Level, ...]
-_Fitted = tuple[float, dict[str, float], _Levels, _Levels]  # likelihood, scatters, the levels, their best order
-
-
 CLEARLY_ADDED = 15.0
 """Log-likelihood by which steps that differ by an amount must be likelier than steps that differ by a share."""
+_Levels = tuple[Level, ...]
+_Fitted = tuple[float, dict[str, float], _Levels, _Levels]  # likelihood, scatters, the levels, their best order
 
 
 @dataclass(slots=True, kw_only=True)
@@ -178,8 +176,7 @@ class ChannelData:
         """Let gains and what groups share be parts of other values: of two kinds, they would differ by any curve."""
         self.scale = scale
         self.levels = tuple(
-            level if level.declared or level.added or level.name == "unit" else replace(level, scale=scale)
-            for level in self.levels
+            level if level.declared or level.name == "unit" else replace(level, scale=scale) for level in self.levels
         )
 
     def tell_step_scatter(self, residual: FloatArray) -> bool:
@@ -191,14 +188,10 @@ class ChannelData:
             Whether they do now, and did not before.
         """
         place = next((k for k, v in enumerate(self.levels) if v.name == "step"), None)
-        if self.channel.role is not Role.INTENSITY or place is None:
-            return False
-        if self.levels[place].declared or self.levels[place].added or self.levels[place].floor > 0.0:
+        if self.channel.role is not Role.INTENSITY or place is None or self.levels[place].floor > 0.0:
             return False
         share = self.fit_scatter(residual)[0]
-        amount = replace(
-            self.levels[place], scale=np.full(len(self.use), float(np.median(self.scale))), added=True
-        )
+        amount = replace(self.levels[place], scale=np.full(len(self.use), float(np.median(self.scale))))
         before, self.levels = self.levels, (*self.levels[:place], amount, *self.levels[place + 1 :])
         clear = self.fit_scatter(residual)[0] > share + CLEARLY_ADDED
         if not clear:

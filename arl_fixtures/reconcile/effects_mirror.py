@@ -9,8 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from arl_fixtures.reconcile.effect import State
-from arl_fixtures.reconcile.effects_common import FloatArray
+from arl_fixtures.reconcile.effects_common import FloatArray, per_table
 from arl_fixtures.reconcile.view import IntArray, View
+
+_MOST_KEPT = 8
+"""Blurred columns of the whole table that are kept."""
 
 
 class Mirror(NamedTuple):
@@ -39,7 +42,7 @@ def mirrored_blur(view: View, state: State, channel: str, mirror: Mirror, width_
 
     Images too large and sparse for a raster stay sharp.
     """
-    spread = _spread(view, view.columns.numbers[f"sim_{channel}"], width_px)
+    spread = _spread(view, (f"sim_{channel}",), width_px)
     with np.errstate(invalid="ignore", divide="ignore"):
         scale = state[channel] / view.sim[channel]
     return _between(view, mirror, partial(_at, spread)) * np.where(np.isfinite(scale), scale, 1.0)
@@ -47,16 +50,22 @@ def mirrored_blur(view: View, state: State, channel: str, mirror: Mirror, width_
 
 def mirrored_range(view: View, distance: str, channel: str, mirror: Mirror, width_px: float) -> FloatArray:
     """Mean by light of a simulated distance about the mirrored pixel, through a Gaussian of `width_px`."""
-    light = view.columns.numbers[f"sim_{channel}"]
-    there = _between(view, mirror, partial(_at, _spread(view, light, width_px)))
-    moment = _spread(view, light * view.columns.numbers[f"sim_{distance}"], width_px)
+    there = _between(view, mirror, partial(_at, _spread(view, (f"sim_{channel}",), width_px)))
+    moment = _between(view, mirror, partial(_at, _spread(view, (f"sim_{channel}", f"sim_{distance}"), width_px)))
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(_between(view, mirror, partial(_at, moment)) / there)
+        return np.asarray(moment / there)
 
 
-def _spread(view: View, column: FloatArray, width_px: float) -> FloatArray:
-    raster = view.raster()
-    return raster.blurred(column, width_px) if raster.is_dense else column
+def _spread(view: View, names: tuple[str, ...], width_px: float) -> FloatArray:
+    """Product of simulated columns of the whole table, through the Gaussian; a fit asks for the same ones again."""
+    kept = per_table(view, "blurred images", dict[tuple[tuple[str, ...], float], FloatArray])
+    key = names, width_px
+    if key not in kept:
+        if len(kept) >= _MOST_KEPT:
+            kept.clear()
+        column = np.asarray(np.prod([view.columns.numbers[name] for name in names], axis=0))
+        kept[key] = view.raster().blurred(column, width_px) if view.raster().is_dense else column
+    return kept[key]
 
 
 def _at(column: FloatArray, place: IntArray) -> FloatArray:

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ive
 
+from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.effects_bench import Bench, bench_of
-from arl_fixtures.reconcile.effects_common import distances, per_view, signals
+from arl_fixtures.reconcile.effects_common import distances, per_view, set_light, signals
 from arl_fixtures.reconcile.effects_rays import NOMINAL, Pose, echoes, look, rays_of
 from arl_fixtures.reconcile.view import View
 
@@ -268,3 +269,36 @@ def footprint(view: View, filled: float, blur_px: float = 0.0) -> dict[str, Floa
         kept[key] = look(soft, bench.spots.take(numbers))
     light, moment = kept[key]
     return _by_channel(view, bench, light[back], moment[back])
+
+
+def see_area(
+    view: View,
+    state: State,
+    channel: str,
+    moved: tuple[str, ...],
+    share: FloatArray | float,
+    wide_px: float,
+    blur_px: float = 0.0,
+) -> None:
+    """Replace a share of what the simulation's rays see by the mean over an area about each pixel.
+
+    Args:
+        view: rows under work.
+        state: the signal and the distances are replaced.
+        channel: the signal, empty where there is none; moved: distances that follow, by light.
+        share: of the light, a number or one by row.
+        wide_px: width of the area in pixels; blur_px: standard deviation of a point spread about it.
+    """
+    mean, rays = footprint(view, wide_px, blur_px), rendered(view)
+    if mean is None or rays is None:
+        return
+    known = as_simulated(view)
+    if not channel:
+        for name in moved:
+            state[name] = state[name] + np.where(known, share * (mean[name] - rays[name]), 0.0)
+        return
+    ratio = np.where(known, np.maximum(1.0 + share * (mean[channel] / rays[channel] - 1.0), 0.01), 1.0)
+    part = np.where(known, np.clip(share * mean[channel] / rays[channel] / ratio, -2.0, 2.0), 0.0)
+    for name in moved:
+        state[name] = state[name] + part * (mean[name] - rays[name])
+    set_light(view, state, channel, state[channel] * ratio)

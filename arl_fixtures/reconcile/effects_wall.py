@@ -13,7 +13,7 @@ from arl_fixtures.reconcile.effects_common import FloatArray, distances, rounded
 from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
-_WALLS = ("wall", "corner", "floor", "ceiling", "side")
+_WALLS = ("corner", "floor", "ceiling", "side")
 _WHITE = ("reflectance", "albedo")
 _LENGTHS = ("m", "mm", "cm", "km")
 _RINGS, _SPOKES = 6, 8

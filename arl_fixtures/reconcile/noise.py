@@ -36,7 +36,6 @@ class Level:
         scale: shape of the shared error on each row: τ·scale is its standard deviation.
         floor: lower bound of τ (1 where the scale is the declared repeatability).
         declared: whether the table states this scatter.
-        added: whether groups differ by an amount, whatever the signal, and not by a share of it.
     """
 
     name: str
@@ -45,7 +44,6 @@ class Level:
     scale: FloatArray
     floor: float = 0.0
     declared: bool = False
-    added: bool = False
 
     @property
     def freedom(self) -> float:
@@ -135,7 +133,6 @@ def _in_order(levels: tuple[Level, ...]) -> tuple[list[Level], list[Level]]:
 
 def is_largest_first(levels: tuple[Level, ...], tau: dict[str, float]) -> bool:
     """Whether the larger scatter is whitened first: in the other order what it leaves passes for the smaller one."""
-
     first, second = (
         max((max(tau.get(v.name, 0.0), v.floor) * float(np.median(v.scale)) for v in kind), default=0.0)
         for kind in _in_order(levels)
@@ -149,13 +146,9 @@ def share_more_than_stated(levels: tuple[Level, ...], tau: dict[str, float]) -> 
 
 
 def ordered_like(other: tuple[Level, ...], levels: tuple[Level, ...]) -> tuple[Level, ...]:
-    """Levels in the order of those of another part of the same channel, and of their shapes."""
+    """Levels in the order of those of another part of the same channel."""
     place = {level.name: k for k, level in enumerate(other)}
-    added = {level.name: float(level.scale[0]) for level in other if level.added}
-    alike = (
-        replace(v, scale=np.full(len(v.code), added[v.name]), added=True) if v.name in added else v for v in levels
-    )
-    return tuple(sorted(alike, key=lambda level: place.get(level.name, -1)))
+    return tuple(sorted(levels, key=lambda level: place.get(level.name, -1)))
 
 
 def surprise(tau: float, floor: float, freedom: float) -> float:

@@ -143,9 +143,10 @@ class FrameLag(Effect):
             show_turn(variant, state, view, float(values["share"]) * back)
             return
         share, frames = float(values["share"]), int(variant.options["frames"])
-        missing = missing_before(view) if frames == 1 else np.zeros(0)
         if "stride_deg" in variant.options:
             missing = stride_back(view, float(variant.options["stride_deg"]))
+        else:
+            missing = missing_before(view) if frames == 1 else np.zeros(0)
         there = dict(state)
         if missing.any():
             turn_stage(view, there, missing)

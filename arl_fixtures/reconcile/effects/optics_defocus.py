@@ -24,7 +24,7 @@ from arl_fixtures.reconcile.effects_common import (
 from arl_fixtures.reconcile.effects_frame import has_frames, ranged_by
 from arl_fixtures.reconcile.effects_pointing import spread_rays
 from arl_fixtures.reconcile.effects_rays import Pose
-from arl_fixtures.reconcile.effects_render import as_simulated, convolved, footprint, rendered
+from arl_fixtures.reconcile.effects_render import as_simulated, convolved, rendered, see_area
 from arl_fixtures.reconcile.effects_scene import pixel_width, scene
 from arl_fixtures.reconcile.view import View
 
@@ -78,7 +78,8 @@ class Defocus(Effect):
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Blurs the rendered scene where it is known, else the pixels that the table holds."""
         channel, column = str(variant.options["channel"]), str(variant.options["temperature"])
-        width: FloatArray = np.full(view.n, float(values.get("width", values.get("share", 0.0))))
+        size = "share" if variant.options["kind"] == "halo" else "width"
+        width: FloatArray = np.full(view.n, float(values[size]))
         if column:
             width = width * np.abs(above(view, column, float(values["sharpest"]))) / float(variant.options["range"])
         far = ranged_by(view, channel)
@@ -90,7 +91,7 @@ class Defocus(Effect):
                 spread_rays(view, state, spread * pixel_width(view)[view.rows], spread * found.pitch_deg)
             return
         if variant.options["kind"] == "halo":
-            _halo(view, state, channel, width, float(values["wide"]))
+            see_area(view, state, channel, ranged_by(view, channel), width, float(values["wide"]))
             return
         if variant.options["kind"] == "rays":
             seen = rendered(view, Pose(blur_px=np.sqrt(variance)))
@@ -138,19 +139,6 @@ class Defocus(Effect):
             "the "
             "distance from best focus, electrical crosstalk does not change."
         )
-
-
-def _halo(view: View, state: State, channel: str, share: FloatArray, wide_px: float) -> None:
-    """Let a share of each row's light come from an area about its pixel, by light; range follows."""
-    mean, rays = footprint(view, wide_px), rendered(view)
-    if mean is None or rays is None:
-        return
-    known = as_simulated(view)
-    part = np.where(known, share * mean[channel] / rays[channel], 0.0)
-    ratio = np.maximum(1.0 + part - np.where(known, share, 0.0), 0.01)
-    for distance in ranged_by(view, channel):
-        state[distance] = state[distance] + part / ratio * (mean[distance] - rays[distance])
-    set_light(view, state, channel, state[channel] * ratio)
 
 
 _WIDEST = 1.2

@@ -18,7 +18,7 @@ from arl_fixtures.reconcile.effects_common import (
     set_light,
     shape,
 )
-from arl_fixtures.reconcile.effects_render import as_simulated, footprint, ray_echoes, rendered
+from arl_fixtures.reconcile.effects_render import ray_echoes, see_area
 from arl_fixtures.reconcile.effects_surface import at_centre, beyond_border, borders, light_share
 from arl_fixtures.reconcile.roles import Role, per_metre, unit_of
 from arl_fixtures.reconcile.view import View
@@ -102,7 +102,8 @@ class EdgeMixing(Effect):
         """Mixes the other side in at borders."""
         share = float(values["share"])
         if variant.options["kind"] in _SPREAD:
-            _spread(view, state, share, float(values.get("filled", 1.0)), float(values.get("blur", 0.0)))
+            area = float(values.get("filled", 1.0)), float(values.get("blur", 0.0))
+            see_area(view, state, view.channel(Role.INTENSITY), distances(view), share, *area)
             return
         if variant.options["kind"] in _OF_RAYS:
             _picked(view, state, share, str(variant.options["kind"]), float(values.get("pulse", 0.0)))
@@ -184,24 +185,6 @@ class EdgeMixing(Effect):
             "appears "
             "only in the second, blur in both."
         )
-
-
-def _spread(view: View, state: State, share: float, filled: float, blur: float) -> None:
-    """Replace a share of what the simulation's rays see by the mean over the pixel."""
-    mean, rays = footprint(view, filled, blur), rendered(view)
-    channel = view.channel(Role.INTENSITY)
-    if mean is None or rays is None:
-        return
-    known = as_simulated(view)
-    if not channel:
-        for name in distances(view):
-            state[name] = state[name] + np.where(known, share * (mean[name] - rays[name]), 0.0)
-        return
-    ratio = np.where(known, np.maximum(1.0 + share * (mean[channel] / rays[channel] - 1.0), 0.01), 1.0)
-    for name in distances(view):
-        part = np.where(known, np.clip(share * mean[channel] / rays[channel] / ratio, -2.0, 2.0), 0.0)
-        state[name] = state[name] + part * (mean[name] - rays[name])
-    set_light(view, state, channel, state[channel] * ratio)
 
 
 def _picked(view: View, state: State, share: float, kind: str, pulse_m: float) -> None:
