@@ -50,20 +50,28 @@ def mirrored_blur(view: View, state: State, channel: str, mirror: Mirror, width_
 
 def mirrored_range(view: View, distance: str, channel: str, mirror: Mirror, width_px: float) -> FloatArray:
     """Mean by light of a simulated distance about the mirrored pixel, through a Gaussian of `width_px`."""
-    there = _between(view, mirror, partial(_at, _spread(view, (f"sim_{channel}",), width_px)))
-    moment = _between(view, mirror, partial(_at, _spread(view, (f"sim_{channel}", f"sim_{distance}"), width_px)))
+    light, far = f"sim_{channel}", f"sim_{distance}"
+    seen, moment = (
+        _between(view, mirror, partial(_at, _spread(view, names, width_px, ranged=far)))
+        for names in ((light,), (light, far))
+    )
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(moment / there)
+        return np.asarray(moment / seen)
 
 
-def _spread(view: View, names: tuple[str, ...], width_px: float) -> FloatArray:
-    """Product of simulated columns of the whole table, through the Gaussian; a fit asks for the same ones again."""
-    kept = per_table(view, "blurred images", dict[tuple[tuple[str, ...], float], FloatArray])
-    key = names, width_px
+def _spread(view: View, names: tuple[str, ...], width_px: float, ranged: str = "") -> FloatArray:
+    """Product of simulated columns of the whole table, through the Gaussian; a fit asks for the same ones again.
+
+    With `ranged` of pixels only that have a value in that column.
+    """
+    kept = per_table(view, "blurred images", dict[tuple[tuple[str, ...], float, str], FloatArray])
+    key = names, width_px, ranged
     if key not in kept:
         if len(kept) >= _MOST_KEPT:
             kept.clear()
         column = np.asarray(np.prod([view.columns.numbers[name] for name in names], axis=0))
+        if ranged:
+            column = np.where(np.isfinite(view.columns.numbers[ranged]), column, np.nan)
         kept[key] = view.raster().blurred(column, width_px) if view.raster().is_dense else column
     return kept[key]
 

@@ -7,8 +7,10 @@ from scipy.ndimage import gaussian_filter
 from traced_bench import LIGHT, RANGE, table, trace
 
 from arl_fixtures.reconcile.catalogue import library
+from arl_fixtures.reconcile.effects_mirror import Mirror, mirrored_range
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
+from arl_fixtures.reconcile.view import View
 
 COLUMNS, ROWS = 32, 20
 RIVALS = ("optics.ghost", "optics.veiling_glare")
@@ -79,3 +81,13 @@ def test_a_ghost_of_pixels_that_the_table_lacks_is_blurred_too():
     assert found.effect == "optics.ghost"
     blur = next(p for p in found.parameters if p.name == "blur")
     assert 0.8 < blur.value < 2.5
+
+
+def test_the_range_behind_a_blur_is_that_of_the_pixels_that_have_one():
+    """A flat board, of which every third pixel's echo is too weak for a range."""
+    columns = images(2.0)
+    far = columns.numbers[f"sim_{RANGE}"] = np.full(columns.n, 1.3)
+    far[::3] = np.nan
+    range_ = mirrored_range(View(columns), RANGE, LIGHT, Mirror(15.5, 9.5), 2.0)
+    np.testing.assert_allclose(range_[np.isfinite(range_)], 1.3)
+    assert np.isfinite(range_).mean() > 0.9
