@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.stated import shortfall
 
+CONTRADICTED = 2.0
+"""Log-likelihood of a scatter that a gain may cost at most to be carried over to it."""
+
 
 def carry_gains(problem: Problem, state: State) -> None:
     """Let a unit's gain move the scatters with its signal, as the simulation's own noise grows with the signal.
 
-    Without this a calibration that a gain belongs to would pass for excess noise.
+    Without this a calibration that a gain belongs to would pass for excess noise. Not to a scatter that clearly shows
+    none of it: it is then no gain of the light by which that scatter grows.
     """
     for d in problem.data:
         parent = next((p for p in problem.data if p.calibrated and p.channel.role is Role.INTENSITY), None)
@@ -28,4 +33,14 @@ def carry_gains(problem: Problem, state: State) -> None:
         spread = float(np.var(signal[good])) if good.any() else 0.0
         slope = float(np.cov(signal[good], scatter[good])[0, 1]) / spread if spread > 1e-6 else 0.0
         frames = np.maximum(np.nan_to_num(problem.view.frames()[d.use], nan=1.0), 1.0)
-        d.expect = d.tails * shortfall(frames) * np.maximum(1.0 + by_row[d.use], 0.1) ** slope
+        d.expect = bare = d.tails * shortfall(frames)
+        before = _misfit(d, state)
+        d.expect = bare * np.maximum(1.0 + by_row[d.use], 0.1) ** slope
+        if _misfit(d, state) > before + CONTRADICTED:
+            d.expect = bare
+
+
+def _misfit(d: ChannelData, state: State) -> float:
+    """Half the sum of squares that a state leaves of a channel."""
+    left = d.whiten(d.residual(state))
+    return 0.5 * float(left @ left)

@@ -161,8 +161,8 @@ class Decision:
     def _gate(self) -> bool:
         """Drop the names of channels in which too much stays predictable, or which a law without physics beats.
 
-        And names whose strength is another one under other conditions, and errors of readings that several show
-        alike. Tells whether any fell.
+        And names whose strength is another one under other conditions, errors of readings that several show alike,
+        and names that undo each other. Tells whether any fell.
         """
         if not self.best.terms:
             return False
@@ -170,9 +170,13 @@ class Decision:
         bad |= {d.channel.name for d in self.problem.data if d.channel.name not in bad and self.standing.is_beaten(d)}
         unsteady = [t for t in self.best.terms if is_unsteady(self.found.looker, self.terms, t)]
         alike = read_alike(self.best.terms, self.problem.view)
-        self.fallen |= dict(self._mismatch_of(t) for t in (*unsteady, *alike))
+        undone = {d.channel.name: self.standing.undone(d) for d in self.problem.data}
+        void = [t for terms in undone.values() for t in terms]
+        mismatches = [self._mismatch_of(t) for t in (*unsteady, *alike, *void)]
+        self.fallen |= {name: law for name, law in mismatches if not undone[name]}
         self.refused |= {t.effect.id for t in unsteady}
-        kept = tuple(t for t in self.best.terms if not self._mostly_in(t, bad) and t not in (*unsteady, *alike))
+        gone = (*unsteady, *alike, *void)
+        kept = tuple(t for t in self.best.terms if not self._mostly_in(t, bad) and t not in gone)
         if len(kept) == len(self.best.terms):
             return False
         for d in self.problem.data:

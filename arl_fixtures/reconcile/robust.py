@@ -23,6 +23,9 @@ _PLACE = ("pixel_u", "pixel_v", "stage_angle_deg")
 SPARE_PLACES, SPARE_FIXED = 1.5, 2.0
 """Places beyond its parameters from which a term must gain that displaces rays, or that does the same to a place at
 all times: fewer are hit by any that has so many."""
+REST_GAIN, REST_SHARE = 15.0, 0.15
+"""Log-likelihood, and share of the whole, that the other places gain together where a few gain most: so many that one
+large edge among them makes no chance of them."""
 OF_PLACES = 0.9
 """Share of a change that is the same in a place at all times where it is such a term."""
 PRIOR_GROUPS, BARE_GROUPS = 20.0, 2.0
@@ -87,7 +90,8 @@ def _hits_few_places(problem: Problem, found: Fit, first: int, change: FloatArra
     shapes, newest = sum(index >= first for index, _ in found.keys), found.terms[first:]
     if any(term.variant.rough or term.effect.displaces for term in newest):
         places = problem.codes(problem.columns.group("dut", *_PLACE))
-        return shapes > 1 and _places_won(places, change, left) < shapes + SPARE_PLACES
+        few = shapes > 1 and _places_won(places, change, left) < shapes + SPARE_PLACES
+        return few and not _others_gain(places, change, left, shapes)
     if any(term.effect.mixes for term in newest):
         return False
     places = problem.codes(problem.columns.group(*_PLACE))
@@ -105,6 +109,13 @@ def _places_won(place: IntArray, change: FloatArray, left: FloatArray, *, faint:
     gain = np.bincount(place, (change + 2.0 * left) * change)
     noise = 4.0 * float(change @ change) if faint else 0.0
     return max(float(gain.sum()), 0.0) ** 2 / max(float(gain @ gain) - noise, 1e-300)
+
+
+def _others_gain(place: IntArray, change: FloatArray, left: FloatArray, count: int) -> bool:
+    """Whether a term gains enough without the `count` places that gain most, which its parameters may have hit."""
+    gain = np.sort(np.bincount(place, 0.5 * (change + 2.0 * left) * change))
+    rest = float(gain[:-count].sum())
+    return rest > max(REST_GAIN, REST_SHARE * float(gain.sum()))
 
 
 def _share_of_places(place: IntArray, change: FloatArray) -> float:

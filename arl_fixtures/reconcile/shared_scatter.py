@@ -1,6 +1,6 @@
 """Scatter that rows of a step, an image or an angle share by chance: a finding beyond what the table declares.
 
-Undeclared it is allowed for, unless it exceeds the scatter of a single frame.
+Undeclared it is allowed for, unless it exceeds the scatter of a single frame (of single readings: twice that).
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ LEAST_SHARED = 0.3
 neighbouring pixels' noise has in common."""
 LARGE_WITHIN = 2.0
 """Row errors from which what images or angles share within a step is told, though single frames scatter by more."""
+LARGE_READING = 2.0
+"""Scatters of a row from which what steps of single readings share is told: of frames, one would do."""
 EVERYWHERE, NORMAL_QUARTILE = 0.6, 0.6745
 """Share of a scatter that the median of what groups are off by must show, as a normal law would."""
 
@@ -94,7 +96,9 @@ def _scatter_of(
         return None
     alone = data.stated * data.spread
     told = float(np.quantile(tau * level.scale / alone, 0.9))
-    small = size < float(np.median(alone * np.sqrt(np.maximum(problem.view.frames()[data.use], 1.0))))
+    frames = np.maximum(problem.view.frames()[data.use], 1.0)
+    bearable = np.where(frames > 1.0, 1.0, LARGE_READING) * alone * np.sqrt(frames)
+    small = size < float(np.median(bearable))
     if small and group != "step" and told > LARGE_WITHIN:  # a table can declare what steps share only
         small = not _is_everywhere(partial, data.residual(state), level.name, tau)
     driver = condition_of(problem, data, group, state, strict=small and not declared)

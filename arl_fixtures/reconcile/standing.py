@@ -32,6 +32,9 @@ LEFT_SHARE, LEFT_AT_EDGES = 0.25, 0.6
 """Largest share of a channel's mismatch that may stay predictable under a name; where names and what is left both
 tell of edges, whose two sides a pixel shares by a part that no column tells."""
 
+UNDONE = 5.0
+"""Log-likelihood that names must cost a channel together for them to undo each other there."""
+
 
 class Standing:
     """What a decision's names leave of its channels, as they are now.
@@ -94,6 +97,19 @@ class Standing:
         # but a law that says of pixels what a pattern says better is no rival of what acts beside it
         outdone = not beside or self._outdone_by_law(d, acting, [*self.decision.best.terms, *beside])
         return outdone and not self.causes.of(d, self.decision.after[d.channel.name], self.decision.terms, acting)
+
+    def undone(self, d: ChannelData) -> list[Term]:
+        """Names that undo each other in a channel, which agrees better with the simulation without all of them.
+
+        One has a side effect there that is not seen, and the next one was taken for mending it.
+        """
+        acting = [t for t in self.decision.best.terms if d.channel.name in self.decision.energy(t)]
+        if len(acting) < 2 or d.channel.role is Role.SCATTER:
+            return []
+        own = forward(self.decision.terms, self.problem.view)
+        bare = forward([t for t in self.decision.terms if t not in acting], self.problem.view)
+        cost = d.fit_scatter(d.residual(bare))[0] - d.fit_scatter(d.residual(own))[0]
+        return acting if cost > UNDONE else []
 
     def _outdone_by_law(self, d: ChannelData, acting: Sequence[Term], terms: Sequence[Term]) -> bool:
         """Whether a law in the place of the acting names, beside the other terms, does clearly better than they."""

@@ -26,6 +26,9 @@ from arl_fixtures.reconcile.effects_common import (
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
+MOST_DARK = 20.0
+"""Times the brightest light: behind a narrow filter a channel may hold next to no other counts than dark ones."""
+
 
 class DarkOffset(Effect):
     """I += dark · 2^((T − T_top) / doubling), with its shot noise; T_top is the table's highest temperature.
@@ -58,7 +61,7 @@ class DarkOffset(Effect):
         ):  # fmt: skip
             unit, top = unit_of(channel), top_signal(view, channel)
             for column in columns or ("",):
-                parameters = [amplitude("dark", unit, 0.0, 0.5 * top, 0.01 * top)]
+                parameters = [amplitude("dark", unit, 0.0, MOST_DARK * top, 0.01 * top)]
                 if column:
                     parameters.append(shape("doubling", "K", 4.0, 40.0, 9.0))
                 highest = _highest(view, column)

@@ -22,6 +22,8 @@ from arl_fixtures.reconcile.view import View
 
 MANY_PERIODS = 300
 FEWEST_PLACES = 8
+FEWEST_STEPS, MOST_STEPS = 2.5, 4.0
+"""Steps of a sweep to the shortest period looked for: with fewer than two it passes for a longer one."""
 
 
 class PeriodicError(Effect):
@@ -38,7 +40,7 @@ class PeriodicError(Effect):
     confusable = ("stage.zero_offset", "stage.eccentricity", "timing.tdc_nonlinearity")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """One, one for each encoder and linear stage; periods from four steps to one and a half times the sweep."""
+        """One, one for each encoder and linear stage; periods from a few steps to one and a half sweeps."""
         yield from self._along(view)
         ways, angle = ways_of_turning(view), turned_by(view)
         if not angle or not ways:
@@ -48,11 +50,13 @@ class PeriodicError(Effect):
         angles = angles[np.isfinite(angles)]
         if angles.size < FEWEST_PLACES:
             return
-        shortest, longest = 4.0 * float(np.median(np.diff(angles))), 1.5 * (high - low)
-        if shortest >= 0.8 * longest:
-            return
+        longest = 1.5 * (high - low)
         for way in ways:
-            most = MANY_PERIODS if "channel" in way else 24  # without a scene to look up, a period costs nothing
+            # without a scene to look up, a period costs nothing; readings at random places have no step
+            steps, most = (MOST_STEPS, MANY_PERIODS) if "channel" in way else (FEWEST_STEPS, 24)
+            shortest = steps * float(np.median(np.diff(angles)))
+            if shortest >= 0.8 * longest:
+                continue
             starts = period_starts(shortest, longest, high - low, most=most)
             yield Variant(
                 effect=self.id,
@@ -72,7 +76,7 @@ class PeriodicError(Effect):
         for channel, column in slides(view):
             low, high = view.span(column)
             places = np.unique(np.round(view.columns.numbers[column] / (high - low), 5)) * (high - low)
-            shortest, longest = 4.0 * float(np.nanmedian(np.diff(places))), 1.5 * (high - low)
+            shortest, longest = MOST_STEPS * float(np.nanmedian(np.diff(places))), 1.5 * (high - low)
             if places.size < FEWEST_PLACES or shortest >= 0.8 * longest:
                 continue
             unit, size = unit_of(channel), per_metre(unit_of(channel)) / per_metre(unit_of(column)) * (high - low)
