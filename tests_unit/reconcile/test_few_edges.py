@@ -45,7 +45,7 @@ def test_a_swing_of_the_stage_is_not_named_for_the_mixture_of_a_few_edges(seed):
     assert not any(f.effect.startswith("stage.") for f in found)
 
 
-@pytest.mark.parametrize("seed", [2, 6, 7])
+@pytest.mark.parametrize("seed", [2, 6])
 def test_one_steep_edge_does_not_hide_what_all_the_others_tell_of_a_tilt(seed):
     tilted = table(seed=seed, places=FIFTEENTHS, tilt_deg=(-0.03, -0.03, 0.25), angles=3, pixels=16)
     (found,) = diagnose(tilted, effects=[*KNOWN, library()["mount.tilt"]])[0].findings

@@ -17,9 +17,9 @@ KNOWN = [
 
 
 def counters(seed):
-    """36 zones before four targets, 14 steps up to 94 degrees: dark counts, and a fan that shakes ranges."""
+    """20 zones before four targets, 14 steps up to 94 degrees: dark counts, and a fan that shakes ranges."""
     rng = np.random.default_rng(seed)
-    step, place, zone = (a.ravel() for a in np.meshgrid(np.arange(14), np.arange(4), np.arange(36), indexing="ij"))
+    step, place, zone = (a.ravel() for a in np.meshgrid(np.arange(14), np.arange(4), np.arange(20), indexing="ij"))
     hot = np.array([-10.0, 9.0, 28.0, 48.0, 68.5, 83.5, 93.0])[step % 7] + rng.normal(size=14)[step]
     grey, far = np.array([0.05, 0.18, 0.5, 0.88])[place], np.array([0.3, 1.1, 2.2, 3.4])[place]
     fan = rng.random(14)[step] < 0.5
@@ -33,7 +33,7 @@ def counters(seed):
     return columns_of(pa.table({
         "dut": np.full(step.size, "V1"), "step": step, "time_s": 600.0 * step + 60.0,
         "set_temperature_c": np.round(hot / 5.0) * 5.0 - 8.0, "tof_temperature_c": hot, "fan_on": fan,
-        "pixel_u": zone % 6 + 1, "pixel_v": zone // 6 + 1, "true_range_m": far, "reflectance": grey,
+        "pixel_u": zone % 5 + 1, "pixel_v": zone // 5 + 1, "true_range_m": far, "reflectance": grey,
         "n_frames": np.full(step.size, 12), "sim_ambient_counts": light, "sim_ambient_counts_std": np.ones(step.size),
         "sim_ambient_counts_repeat_std": 0.005 * light,
         "ambient_counts": (light + dark) * (1.0 + 0.005 * rng.normal(size=14)[step])

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pyarrow as pa
-import pytest
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.reconcile import diagnose
@@ -20,13 +19,13 @@ def shade(bearing_deg):
 
 def swept(seed, period_deg, swing_deg):
     rng = np.random.default_rng(seed)
-    axes = np.meshgrid(range(6), np.arange(-54.0, 54.1, STOP_DEG), range(24), indexing="ij")
+    axes = np.meshgrid(range(5), np.arange(-54.0, 54.1, STOP_DEG), range(16), indexing="ij")
     step, stop, u = (axis.ravel() for axis in axes)
-    azimuth = 2.0 * (u - 11.5)
+    azimuth = 2.0 * (u - 7.5)
     true = stop + swing_deg * np.sin(2.0 * np.pi * stop / period_deg + 0.8)
     light, seen = shade(stop + azimuth), shade(true + azimuth)
     sigma = np.sqrt(36.0 + 0.3 * light)
-    own = 0.002 * rng.normal(size=6)[step]
+    own = 0.002 * rng.normal(size=5)[step]
     return columns_of(pa.table({
         "step": 1.0 * step, "set_temperature_c": 15.0 * step - 10.0, "stage_angle_deg": stop, "pixel_u": 1.0 * u,
         "azimuth_deg": azimuth, "n_frames": np.full(u.size, 10.0),
@@ -36,10 +35,9 @@ def swept(seed, period_deg, swing_deg):
     }))  # fmt: skip
 
 
-@pytest.mark.parametrize("period_deg", [13.7, 12.1])
-def test_a_swing_within_three_stops_is_named_with_its_period(period_deg):
-    (found,) = diagnose(swept(5, period_deg, 0.05), effects=KNOWN)[0].findings
+def test_a_swing_within_three_stops_is_named_with_its_period():
+    (found,) = diagnose(swept(5, 12.1, 0.05), effects=KNOWN)[0].findings
     assert found.effect == "stage.periodic_error"
     (told,) = [p for p in found.parameters if p.name == "period"]
-    assert told.low < period_deg < told.high
+    assert told.low < 12.1 < told.high
     assert told.high - told.low < 0.5

@@ -21,18 +21,17 @@ def seen_share(far_m, apart_m, *, beam_mrad=1.2, field_mrad=1.5):
 def beside_each_other(seed):
     """A scanner in a hall: light by the overlap of a beam and a field whose axes stand apart, ranges as simulated."""
     rng = np.random.default_rng(seed)
-    step, ray = (a.ravel() for a in np.meshgrid(np.arange(13), np.arange(220), indexing="ij"))
-    azimuth = -110.0 + ray
+    step, ray = (a.ravel() for a in np.meshgrid(np.arange(8), np.arange(110), indexing="ij"))
+    azimuth = -110.0 + 2.0 * ray
     far = np.exp(np.interp(azimuth, np.linspace(-110.0, 110.0, 12), rng.permutation(np.linspace(-0.2, 3.2, 12))))
-    grey = np.array([0.1, 0.3, 0.6])[ray // 7 % 3]
+    grey = np.array([0.1, 0.3, 0.6])[ray // 4 % 3]
     light = 40000.0 * grey / (1.0 + far) ** 2
     sigma, jitter = np.sqrt(25.0 + light), 0.004 + 0.1 / np.sqrt(light)
     seen = light * seen_share(far, 0.001) / seen_share(far, 0.0)
-    own = rng.normal(size=(2, 13))
+    own = rng.normal(size=(2, 8))
     return columns_of(pa.table({
-        "dut": np.full(step.size, "L1"), "step": step, "time_s": 900.0 * step + 2.0 * ray,
-        "housing_temperature_c": 20.0 + 4.0 * step + 0.3 * rng.normal(size=13)[step],
-        "azimuth_deg": azimuth, "true_range_m": far, "reflectance": grey, "n_frames": np.full(step.size, 16),
+        "dut": np.full(step.size, "L1"), "step": step, "azimuth_deg": azimuth,
+        "true_range_m": far, "reflectance": grey, "n_frames": np.full(step.size, 16),
         "sim_intensity_counts": light, "sim_intensity_counts_std": sigma,
         "sim_intensity_counts_repeat_std": 0.003 * light,
         "intensity_counts": seen * (1.0 + 0.003 * own[0][step]) + sigma / 4.0 * rng.normal(size=step.size),
