@@ -180,6 +180,8 @@ class Effect(ABC):
     """Whether it takes few pixels whole: what they see is then left out while other effects are sought."""
     mixes: ClassVar[bool] = False
     """Whether it mixes a row with rows that lie next to it in the image or the sweep."""
+    at_borders: ClassVar[bool] = False
+    """Whether it acts where surfaces meet in a pixel, by a part of it that no column tells."""
     several: ClassVar[bool] = False
     """Whether it may act at several places, each with its own parameters: one that lies elsewhere is another one."""
     single: ClassVar[bool] = False

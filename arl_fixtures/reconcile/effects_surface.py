@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.effects_bench import bench_of
 from arl_fixtures.reconcile.effects_common import FloatArray, distances, per_table, per_view
 from arl_fixtures.reconcile.effects_pointing import footprint_share
 from arl_fixtures.reconcile.roles import per_metre, unit_of
@@ -18,6 +19,8 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 _LEAST_SHARE = 0.005
+_JUMP, _JUMP_GAPS = 0.05, 8.0
+"""Share of the range, and usual differences of neighbours, by which ranges jump from one surface to another."""
 _NEXT = 1.5
 """Usual gaps within which a ray is the next one: beyond, at least one is missing between."""
 _LOOKED_AT, _APART, _BETWEEN = 20_000, 0.02, 0.02
@@ -68,20 +71,25 @@ def neighbours(view: View, name: str) -> list[tuple[IntArray, FloatArray]]:
 
     At the neighbouring pixels and stage angles; of a scanner that has neither, at the rays next in its ring.
     """
-    found: list[tuple[IntArray, FloatArray]] = []
+    codes = view.columns.categories["surface"][0]
+    return [
+        (np.where(place >= 0, codes[place], -1), view.take_number(name, place))
+        for place in per_view(view, "places beside", lambda: _beside(view))
+    ]
+
+
+def _beside(view: View) -> list[IntArray]:
+    """Whole-table rows next to each row, −1 where there is none."""
+    found: list[IntArray] = []
     if view.varies("pixel_u") or view.varies("pixel_v"):
-        for du, dv in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-            found.append((view.neighbour_codes("surface", du=du, dv=dv), view.neighbour_number(name, du=du, dv=dv)))
+        found += [view.neighbour_place(du=du, dv=dv) for du, dv in ((-1, 0), (1, 0), (0, -1), (0, 1))]
     if view.varies("stage_angle_deg"):
-        codes = view.columns.categories["surface"][0]
-        for steps in (-1, 1):
-            place = view.sweep_place(steps)
-            found.append((np.where(place >= 0, codes[place], -1), view.take_number(name, place)))
+        found += [view.sweep_place(steps) for steps in (-1, 1)]
     if not found and view.varies("azimuth_deg"):
-        codes = view.columns.categories["surface"][0]
-        for steps in (-1, 1):
-            place = per_table(view, ("next in ring", steps), partial(_next_in_ring, view, steps))[view.rows]
-            found.append((np.where(place >= 0, codes[place], -1), view.take_number(name, place)))
+        found += [
+            per_table(view, ("next in ring", steps), partial(_next_in_ring, view, steps))[view.rows]
+            for steps in (-1, 1)
+        ]
     return found
 
 
@@ -168,25 +176,46 @@ def borders(view: View) -> BoolArray:
 
     def make() -> BoolArray:
         at = mixed_rows(view).copy()
-        if not at.any() and view.labels("surface"):
-            own = view.codes("surface")[0]
-            name = next(iter(view.columns.numbers))
-            for codes, _ in neighbours(view, name):
-                at |= (codes >= 0) & (codes != own)
+        if not at.any():
+            for other in _others_beside(view):
+                at |= other
         return at
 
     return per_view(view, "borders", make)
+
+
+def _others_beside(view: View) -> list[BoolArray]:
+    """Whether another surface lies at each of the places beside a row: by its name, else as the range jumps.
+
+    A bench that is known is rendered instead: its pixels' areas and rays say where surfaces meet.
+    """
+
+    def make() -> list[BoolArray]:
+        places = per_view(view, "places beside", lambda: _beside(view))
+        if view.labels("surface"):
+            codes = view.columns.categories["surface"][0]
+            return [(place >= 0) & (codes[place] >= 0) & (codes[place] != codes[view.rows]) for place in places]
+        name = next((f"sim_{n}" for n in distances(view)), "")
+        if not name or bench_of(view) is not None:
+            return []
+        own = view.number(name)
+        gaps = [np.abs(view.take_number(name, place) - own) for place in places]
+        seen = [np.isfinite(gap) & (gap < _JUMP * own) for gap in gaps]
+        usual = [float(np.median(gap[s])) if s.any() else 0.0 for gap, s in zip(gaps, seen, strict=True)]
+        return [gap > np.maximum(_JUMP * own, _JUMP_GAPS * few) for gap, few in zip(gaps, usual, strict=True)]
+
+    return per_view(view, "others beside", make)
 
 
 def beyond_border(view: View, name: str) -> FloatArray:
     """Simulated value beyond a border: of the neighbour with another surface that differs most from the row."""
 
     def find() -> FloatArray:
-        own_code = view.codes("surface")[0]
         own = view.number(f"sim_{name}")
         best = np.full(view.n, np.nan)
-        for codes, values in neighbours(view, f"sim_{name}"):
-            candidate = np.where((codes >= 0) & (codes != own_code), values, np.nan)
+        places = per_view(view, "places beside", lambda: _beside(view))
+        for other, place in zip(_others_beside(view), places, strict=False):
+            candidate = np.where(other, view.take_number(f"sim_{name}", place), np.nan)
             further = np.abs(candidate - own) > np.abs(best - own)
             best = np.where(np.isnan(best) | further, candidate, best)
         return best
@@ -198,10 +227,11 @@ def at_centre(view: View, name: str) -> FloatArray:
     """Range of the surface at a pixel's centre: as the simulation says, else of the neighbour that shows it alone."""
     if "true_range_m" in view.columns.numbers:
         return view.number("true_range_m") * per_metre(unit_of(name))
-    own_code, own, across = view.codes("surface")[0], view.number(f"sim_{name}"), beyond_border(view, name)
+    own, across = view.number(f"sim_{name}"), beyond_border(view, name)
     best = np.full(view.n, np.nan)
-    for codes, values in neighbours(view, f"sim_{name}"):
-        candidate = np.where(codes == own_code, values, np.nan)
+    places = per_view(view, "places beside", lambda: _beside(view))
+    for other, place in zip(_others_beside(view), places, strict=False):
+        candidate = np.where(other, np.nan, view.take_number(f"sim_{name}", place))
         further = np.abs(candidate - across) > np.abs(best - across)
         best = np.where(np.isnan(best) | further, candidate, best)
     return np.where(np.isfinite(best), best, own)

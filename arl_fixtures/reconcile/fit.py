@@ -10,7 +10,7 @@ import numpy as np
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.direct import FIRST_STEP, loss, refine, secant, undiminished
 from arl_fixtures.reconcile.effect import Parameter, State
-from arl_fixtures.reconcile.effects_surface import mixed_rows
+from arl_fixtures.reconcile.effects_surface import borders, mixed_rows
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.terms import Term, beside, forward
 
@@ -254,8 +254,8 @@ OF_SURFACES = {"incidence_deg", "surface", "reflectance"}
 
 def _hold_back_mixed(problem: Problem, found: Fit) -> None:
     """Limit the weight of rows that see several surfaces where terms that act on one of them leave much."""
-    acting = [t for t in found.terms if OF_SURFACES & set(t.variant.drivers)]
-    mixed = mixed_rows(problem.view)
+    acting = [t for t in found.terms if t.effect.at_borders or OF_SURFACES & set(t.variant.drivers)]
+    mixed = borders(problem.view) if any(t.effect.at_borders for t in acting) else mixed_rows(problem.view)
     if not acting or not mixed.any():
         return
     without = forward([t for t in found.terms if t not in acting], problem.view)

@@ -54,7 +54,7 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
     if term.variant.rough or (term.effect.displaces and not term.effect.mixes):
         return False
     problem = looker.problem
-    in_pixels = term.effect.displaces or (term.effect.mixes and "mixed" in term.variant.drivers)
+    in_pixels = term.effect.displaces or term.effect.at_borders
     place = _places(problem) if in_pixels else None
     full, rest = forward(terms, problem.view), forward([t for t in terms if t is not term], problem.view)
     acting = [
@@ -146,9 +146,9 @@ def acts_in_all(unit: FloatArray, power: FloatArray, score: FloatArray) -> bool:
 
 
 def _places(problem: Problem) -> IntArray:
-    """What each row sees: a pixel (of a device) for which the simulation says the same in all channels."""
+    """What each row sees: a pixel or ray (of a device) for which the simulation says the same in all channels."""
     simulated = [f"sim_{d.channel.name}" for d in problem.data if d.channel.role is not Role.SCATTER]
-    return problem.view.columns.group("dut", "pixel_u", "pixel_v", *simulated)[problem.view.rows]
+    return problem.view.columns.group("dut", *problem.columns.ray_columns, *simulated)[problem.view.rows]
 
 
 def _told_by(place: IntArray, values: FloatArray) -> float:

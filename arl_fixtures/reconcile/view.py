@@ -181,10 +181,9 @@ class View:
         """A numeric column at the neighbouring pixel of the same image."""
         return self.take_number(name, self._image_shift(du, dv))
 
-    def neighbour_codes(self, name: str, *, du: int, dv: int) -> IntArray:
-        """Codes of a category column at the neighbouring pixel; −1 where there is none."""
-        place = self._image_shift(du, dv)
-        return np.where(place >= 0, self.columns.categories[name][0][place], -1)
+    def neighbour_place(self, *, du: int, dv: int) -> IntArray:
+        """Whole-table row of the neighbouring pixel of the same image, −1 where there is none."""
+        return self._image_shift(du, dv)
 
     def in_sweep(self, state: State, channel: str, *, steps: int) -> FloatArray:
         """Value of the same pixel `steps` stage angles further (by angle, not by time); NaN beyond the sweep."""

@@ -22,8 +22,9 @@ from arl_fixtures.reconcile.view import View
 
 MANY_PERIODS = 300
 FEWEST_PLACES = 8
-FEWEST_STEPS, MOST_STEPS = 2.5, 4.0
-"""Steps of a sweep to the shortest period looked for: with fewer than two it passes for a longer one."""
+FEWEST_STEPS, MOST_STEPS, OF_FEW_STEPS = 2.5, 4.0, 40
+"""Steps to the shortest period looked for, of a sweep of few steps and of more: with fewer than two to a period it
+passes for a longer one."""
 
 
 class PeriodicError(Effect):
@@ -52,8 +53,9 @@ class PeriodicError(Effect):
             return
         longest = 1.5 * (high - low)
         for way in ways:
-            # without a scene to look up, a period costs nothing; readings at random places have no step
-            steps, most = (MOST_STEPS, MANY_PERIODS) if "channel" in way else (FEWEST_STEPS, 24)
+            most = MANY_PERIODS if "channel" in way else 24  # without a scene to look up, a period costs nothing
+            # of many steps, such as readings at random places, the short periods are too many to be looked for
+            steps = FEWEST_STEPS if angles.size <= OF_FEW_STEPS else MOST_STEPS
             shortest = steps * float(np.median(np.diff(angles)))
             if shortest >= 0.8 * longest:
                 continue

@@ -53,6 +53,7 @@ class EdgeMixing(Effect):
     stage = Stage.TARGET
     source = "Tuley, Vandapel, Hebert, ICRA 2005: mixed pixels at range discontinuities"
     mixes = True
+    at_borders = True
     confusable = ("optics.defocus", "detector.crosstalk", "acquisition.frame_lag")
 
     def variants(self, view: View) -> Iterable[Variant]:
@@ -77,12 +78,15 @@ class EdgeMixing(Effect):
                     channels=distances(view),
                     drivers=tuple(name for name in ("mixed", "surface", "pixel_u") if view.has(name)),
                 )
-        if not view.labels("surface") or not borders(view).any():
+        if not borders(view).any():
             return
         channel = view.channel(Role.INTENSITY)
         kinds = (("dominant", "nearest", *_PEAKS, "range") if distances(view) else ()) + (
             ("both",) if channel else ()
         )
+        told = tuple(name for name in ("mixed", "surface") if view.has(name))
+        if not told:  # ranges that jump from ray to ray tell where they meet
+            told = (*(n for n in view.columns.ray_columns[:1] if view.varies(n)), f"sim_{distances(view)[0]}")
         for kind in kinds:
             lit = light_channels(view, channel) if kind == "both" else ()
             yield Variant(
@@ -94,7 +98,7 @@ class EdgeMixing(Effect):
                     else (amplitude("share", "1", -0.9, 0.9, 0.1),)
                 ),
                 channels=tuple(dict.fromkeys((*distances(view), *lit))),
-                drivers=tuple(name for name in ("mixed", "surface") if view.has(name)),
+                drivers=told,
                 where={"mixed": ["true"]} if view.is_category("mixed") else {},
             )
 
@@ -249,6 +253,8 @@ def _peak(view: View, name: str, pulse_m: float, *, strongest: bool) -> FloatArr
 def _own_share(view: View) -> FloatArray:
     """Share of a pixel's light that comes from the surface at its centre; half where no signal tells."""
     channel = view.channel(Role.INTENSITY)
+    if not view.labels("surface"):
+        return np.full(view.n, 0.5)
     codes, labels = view.codes("surface")
     share = np.ones(view.n)
     for index, label in enumerate(labels):
