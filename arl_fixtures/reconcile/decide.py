@@ -171,11 +171,11 @@ class Decision:
         unsteady = [t for t in self.best.terms if is_unsteady(self.found.looker, self.terms, t)]
         alike = read_alike(self.best.terms, self.problem.view)
         undone = {d.channel.name: self.standing.undone(d) for d in self.problem.data}
-        void = [t for terms in undone.values() for t in terms]
-        mismatches = [self._mismatch_of(t) for t in (*unsteady, *alike, *void)]
+        void = [t for t in self.best.terms if any(t in terms for terms in undone.values())]
+        gone = (*unsteady, *alike, *void)
+        mismatches = [self._mismatch_of(t) for t in gone]
         self.fallen |= {name: law for name, law in mismatches if not undone[name]}
         self.refused |= {t.effect.id for t in unsteady}
-        gone = (*unsteady, *alike, *void)
         kept = tuple(t for t in self.best.terms if not self._mostly_in(t, bad) and t not in gone)
         if len(kept) == len(self.best.terms):
             return False

@@ -74,23 +74,27 @@ def neighbours(view: View, name: str) -> list[tuple[IntArray, FloatArray]]:
     codes = view.columns.categories["surface"][0]
     return [
         (np.where(place >= 0, codes[place], -1), view.take_number(name, place))
-        for place in per_view(view, "places beside", lambda: _beside(view))
+        for place in _beside(view)
     ]
 
 
 def _beside(view: View) -> list[IntArray]:
     """Whole-table rows next to each row, −1 where there is none."""
-    found: list[IntArray] = []
-    if view.varies("pixel_u") or view.varies("pixel_v"):
-        found += [view.neighbour_place(du=du, dv=dv) for du, dv in ((-1, 0), (1, 0), (0, -1), (0, 1))]
-    if view.varies("stage_angle_deg"):
-        found += [view.sweep_place(steps) for steps in (-1, 1)]
-    if not found and view.varies("azimuth_deg"):
-        found += [
-            per_table(view, ("next in ring", steps), partial(_next_in_ring, view, steps))[view.rows]
-            for steps in (-1, 1)
-        ]
-    return found
+
+    def find() -> list[IntArray]:
+        found: list[IntArray] = []
+        if view.varies("pixel_u") or view.varies("pixel_v"):
+            found += [view.neighbour_place(du=du, dv=dv) for du, dv in ((-1, 0), (1, 0), (0, -1), (0, 1))]
+        if view.varies("stage_angle_deg"):
+            found += [view.sweep_place(steps) for steps in (-1, 1)]
+        if not found and view.varies("azimuth_deg"):
+            found += [
+                per_table(view, ("next in ring", steps), partial(_next_in_ring, view, steps))[view.rows]
+                for steps in (-1, 1)
+            ]
+        return found
+
+    return per_view(view, "beside", find)
 
 
 def _next_in_ring(view: View, steps: int) -> IntArray:
@@ -177,64 +181,64 @@ def borders(view: View) -> BoolArray:
     def make() -> BoolArray:
         at = mixed_rows(view).copy()
         if not at.any():
-            for other in _others_beside(view):
-                at |= other
+            for kin in _kin_beside(view):
+                at |= kin == OTHER
         return at
 
     return per_view(view, "borders", make)
 
 
-def _others_beside(view: View) -> list[BoolArray]:
-    """Whether another surface lies at each of the places beside a row: by its name, else as the range jumps.
+OWN, OTHER, UNKNOWN = 0, 1, -1
+
+
+def _kin_beside(view: View) -> list[IntArray]:
+    """Whose surface lies at each of the places beside a row: by its name, else it is another where the range jumps.
 
     A bench that is known is rendered instead: its pixels' areas and rays say where surfaces meet.
     """
 
-    def make() -> list[BoolArray]:
-        places = per_view(view, "places beside", lambda: _beside(view))
+    def make() -> list[IntArray]:
         if view.labels("surface"):
             codes = view.columns.categories["surface"][0]
-            return [(place >= 0) & (codes[place] >= 0) & (codes[place] != codes[view.rows]) for place in places]
+            near = [np.where(place >= 0, codes[place], -1) for place in _beside(view)]
+            return [np.where(code < 0, UNKNOWN, np.where(code == codes[view.rows], OWN, OTHER)) for code in near]
         name = next((f"sim_{n}" for n in distances(view)), "")
         if not name or bench_of(view) is not None:
             return []
         own = view.number(name)
-        gaps = [np.abs(view.take_number(name, place) - own) for place in places]
+        gaps = [np.abs(view.take_number(name, place) - own) for place in _beside(view)]
         seen = [np.isfinite(gap) & (gap < _JUMP * own) for gap in gaps]
         usual = [float(np.median(gap[s])) if s.any() else 0.0 for gap, s in zip(gaps, seen, strict=True)]
-        return [gap > np.maximum(_JUMP * own, _JUMP_GAPS * few) for gap, few in zip(gaps, usual, strict=True)]
+        return [
+            np.where(np.isnan(gap), UNKNOWN, np.where(gap > np.maximum(_JUMP * own, _JUMP_GAPS * few), OTHER, OWN))
+            for gap, few in zip(gaps, usual, strict=True)
+        ]
 
-    return per_view(view, "others beside", make)
+    return per_view(view, "kin beside", make)
 
 
 def beyond_border(view: View, name: str) -> FloatArray:
     """Simulated value beyond a border: of the neighbour with another surface that differs most from the row."""
 
-    def find() -> FloatArray:
-        own = view.number(f"sim_{name}")
-        best = np.full(view.n, np.nan)
-        places = per_view(view, "places beside", lambda: _beside(view))
-        for other, place in zip(_others_beside(view), places, strict=False):
-            candidate = np.where(other, view.take_number(f"sim_{name}", place), np.nan)
-            further = np.abs(candidate - own) > np.abs(best - own)
-            best = np.where(np.isnan(best) | further, candidate, best)
-        return best
+    return per_view(view, ("across", name), lambda: _furthest(view, name, view.number(f"sim_{name}"), OTHER))
 
-    return per_view(view, ("across", name), find)
+
+def _furthest(view: View, name: str, start: FloatArray, kin: int) -> FloatArray:
+    """Simulated value beside a row, of its own surface or of another, that differs most from a start."""
+    best = np.full(view.n, np.nan)
+    for found, place in zip(_kin_beside(view), _beside(view), strict=False):
+        candidate = np.where(found == kin, view.take_number(f"sim_{name}", place), np.nan)
+        further = np.abs(candidate - start) > np.abs(best - start)
+        best = np.where(np.isnan(best) | further, candidate, best)
+    return best
 
 
 def at_centre(view: View, name: str) -> FloatArray:
     """Range of the surface at a pixel's centre: as the simulation says, else of the neighbour that shows it alone."""
     if "true_range_m" in view.columns.numbers:
         return view.number("true_range_m") * per_metre(unit_of(name))
-    own, across = view.number(f"sim_{name}"), beyond_border(view, name)
-    best = np.full(view.n, np.nan)
-    places = per_view(view, "places beside", lambda: _beside(view))
-    for other, place in zip(_others_beside(view), places, strict=False):
-        candidate = np.where(other, np.nan, view.take_number(f"sim_{name}", place))
-        further = np.abs(candidate - across) > np.abs(best - across)
-        best = np.where(np.isnan(best) | further, candidate, best)
-    return np.where(np.isfinite(best), best, own)
+    best = _furthest(view, name, beyond_border(view, name), OWN)
+    return np.where(np.isfinite(best), best, view.number(f"sim_{name}"))
 
 
 def pulled_channels(view: View) -> tuple[str, ...]:

@@ -89,33 +89,34 @@ def _hits_few_places(problem: Problem, found: Fit, first: int, change: FloatArra
     """
     shapes, newest = sum(index >= first for index, _ in found.keys), found.terms[first:]
     if any(term.variant.rough or term.effect.displaces for term in newest):
-        places = problem.codes(problem.columns.group("dut", *_PLACE))
-        few = shapes > 1 and _places_won(places, change, left) < shapes + SPARE_PLACES
-        return few and not _others_gain(places, change, left, shapes)
+        gain = _gain_of_places(problem.codes(problem.columns.group("dut", *_PLACE)), change, left)
+        few = shapes > 1 and _places_won(gain) < shapes + SPARE_PLACES
+        return few and not _others_gain(gain, shapes)
     if any(term.effect.mixes for term in newest):
         return False
     places = problem.codes(problem.columns.group(*_PLACE))
     channel = np.repeat(np.arange(len(problem.data)), [len(d.use) for d in problem.data])
     if _share_of_places(places * len(problem.data) + channel, change) < OF_PLACES:
         return False
-    return _places_won(places, change, left, faint=True) < shapes + SPARE_FIXED
+    # what noise makes of the gains of places (a scatter of twice the change) is no sign of few
+    noise = 4.0 * float(change @ change)
+    return _places_won(_gain_of_places(places, change, left), noise) < shapes + SPARE_FIXED
 
 
-def _places_won(place: IntArray, change: FloatArray, left: FloatArray, *, faint: bool = False) -> float:
-    """From how many places a gain comes, each counting by its part of it.
+def _gain_of_places(place: IntArray, change: FloatArray, left: FloatArray) -> FloatArray:
+    """Twice the log-likelihood that a change gains in each place."""
+    return np.asarray(np.bincount(place, (change + 2.0 * left) * change), dtype=np.float64)
 
-    What noise makes of the gains of places (a scatter of twice the change) is no sign of few; `faint`: taken off.
-    """
-    gain = np.bincount(place, (change + 2.0 * left) * change)
-    noise = 4.0 * float(change @ change) if faint else 0.0
+
+def _places_won(gain: FloatArray, noise: float = 0.0) -> float:
+    """From how many places a gain comes, each counting by its part of it; `noise` is part of their squares."""
     return max(float(gain.sum()), 0.0) ** 2 / max(float(gain @ gain) - noise, 1e-300)
 
 
-def _others_gain(place: IntArray, change: FloatArray, left: FloatArray, count: int) -> bool:
+def _others_gain(gain: FloatArray, count: int) -> bool:
     """Whether a term gains enough without the `count` places that gain most, which its parameters may have hit."""
-    gain = np.sort(np.bincount(place, 0.5 * (change + 2.0 * left) * change))
-    rest = float(gain[:-count].sum())
-    return rest > max(REST_GAIN, REST_SHARE * float(gain.sum()))
+    rest, whole = 0.5 * float(np.sort(gain)[:-count].sum()), 0.5 * float(gain.sum())
+    return rest > max(REST_GAIN, REST_SHARE * whole)
 
 
 def _share_of_places(place: IntArray, change: FloatArray) -> float:

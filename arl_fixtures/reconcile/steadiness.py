@@ -148,7 +148,8 @@ def acts_in_all(unit: FloatArray, power: FloatArray, score: FloatArray) -> bool:
 def _places(problem: Problem) -> IntArray:
     """What each row sees: a pixel or ray (of a device) for which the simulation says the same in all channels."""
     simulated = [f"sim_{d.channel.name}" for d in problem.data if d.channel.role is not Role.SCATTER]
-    return problem.view.columns.group("dut", *problem.columns.ray_columns, *simulated)[problem.view.rows]
+    columns = problem.view.columns
+    return columns.group("dut", *columns.ray_columns, *simulated)[problem.view.rows]
 
 
 def _told_by(place: IntArray, values: FloatArray) -> float:

@@ -175,15 +175,18 @@ class View:
 
     def neighbour(self, state: State, channel: str, *, du: int, dv: int) -> FloatArray:
         """Value of the pixel `du` columns and `dv` rows further in the same image; NaN where there is none."""
-        return self.take(state, channel, self._image_shift(du, dv))
+        return self.take(state, channel, self.neighbour_place(du=du, dv=dv))
 
     def neighbour_number(self, name: str, *, du: int, dv: int) -> FloatArray:
         """A numeric column at the neighbouring pixel of the same image."""
-        return self.take_number(name, self._image_shift(du, dv))
+        return self.take_number(name, self.neighbour_place(du=du, dv=dv))
 
     def neighbour_place(self, *, du: int, dv: int) -> IntArray:
         """Whole-table row of the neighbouring pixel of the same image, −1 where there is none."""
-        return self._image_shift(du, dv)
+        if (du, dv) not in self._places:
+            raster = self.raster()
+            self._places[du, dv] = raster.rows_at(self.frame(), raster.u[self.rows] + du, raster.v[self.rows] + dv)
+        return self._places[du, dv]
 
     def in_sweep(self, state: State, channel: str, *, steps: int) -> FloatArray:
         """Value of the same pixel `steps` stage angles further (by angle, not by time); NaN beyond the sweep."""
@@ -267,12 +270,6 @@ class View:
             with np.errstate(invalid="ignore", divide="ignore"):
                 self._cache[key] = (total / count)[code][self.rows]
         return self._cache[key]
-
-    def _image_shift(self, du: int, dv: int) -> IntArray:
-        if (du, dv) not in self._places:
-            raster = self.raster()
-            self._places[du, dv] = raster.rows_at(self.frame(), raster.u[self.rows] + du, raster.v[self.rows] + dv)
-        return self._places[du, dv]
 
     def raster(self) -> ImageGrid:
         """The raster of the whole table's images."""

@@ -22,9 +22,9 @@ from arl_fixtures.reconcile.view import View
 
 MANY_PERIODS = 300
 FEWEST_PLACES = 8
-FEWEST_STEPS, MOST_STEPS, OF_FEW_STEPS = 2.5, 4.0, 40
-"""Steps to the shortest period looked for, of a sweep of few steps and of more: with fewer than two to a period it
-passes for a longer one."""
+FEWEST_STEPS, MOST_STEPS, OF_STEPS = 2.5, 4.0, (12, 40)
+"""Steps to the shortest period looked for, and to that of sweeps whose places are too few to tell so short a one from
+chance, or so many (readings at random places) that there are too many such periods to look for."""
 
 
 class PeriodicError(Effect):
@@ -51,14 +51,13 @@ class PeriodicError(Effect):
         angles = angles[np.isfinite(angles)]
         if angles.size < FEWEST_PLACES:
             return
-        longest = 1.5 * (high - low)
+        few, many = OF_STEPS
+        steps = FEWEST_STEPS if few <= angles.size <= many else MOST_STEPS
+        shortest, longest = steps * float(np.median(np.diff(angles))), 1.5 * (high - low)
+        if shortest >= 0.8 * longest:
+            return
         for way in ways:
             most = MANY_PERIODS if "channel" in way else 24  # without a scene to look up, a period costs nothing
-            # of many steps, such as readings at random places, the short periods are too many to be looked for
-            steps = FEWEST_STEPS if angles.size <= OF_FEW_STEPS else MOST_STEPS
-            shortest = steps * float(np.median(np.diff(angles)))
-            if shortest >= 0.8 * longest:
-                continue
             starts = period_starts(shortest, longest, high - low, most=most)
             yield Variant(
                 effect=self.id,

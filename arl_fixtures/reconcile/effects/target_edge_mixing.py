@@ -58,7 +58,9 @@ class EdgeMixing(Effect):
 
     def variants(self, view: View) -> Iterable[Variant]:
         """Which surface wins, and how much of the other is in it."""
+        told = tuple(name for name in ("mixed", "surface") if view.has(name))
         if is_sharp(view):
+            drivers = (*told, "pixel_u") if view.has("pixel_u") else told
             lights = light_channels(view, view.channel(Role.INTENSITY)) if view.channel(Role.INTENSITY) else ()
             for kind, width in _SPREAD.items():
                 yield Variant(
@@ -66,7 +68,7 @@ class EdgeMixing(Effect):
                     options={"kind": kind},
                     parameters=(amplitude("share", "1", 0.0, 1.5, 0.5), width),
                     channels=tuple(dict.fromkeys((*distances(view), *lights))),
-                    drivers=tuple(name for name in ("mixed", "surface", "pixel_u") if view.has(name)),
+                    drivers=drivers,
                     rough=True,
                 )
             for kind in _OF_RAYS if distances(view) and ray_echoes(view) is not None else ():
@@ -76,7 +78,7 @@ class EdgeMixing(Effect):
                     options={"kind": kind},
                     parameters=(amplitude("share", "1", -0.9, 1.2, 0.1), *pulse),
                     channels=distances(view),
-                    drivers=tuple(name for name in ("mixed", "surface", "pixel_u") if view.has(name)),
+                    drivers=drivers,
                 )
         if not borders(view).any():
             return
@@ -84,7 +86,6 @@ class EdgeMixing(Effect):
         kinds = (("dominant", "nearest", *_PEAKS, "range") if distances(view) else ()) + (
             ("both",) if channel else ()
         )
-        told = tuple(name for name in ("mixed", "surface") if view.has(name))
         if not told:  # ranges that jump from ray to ray tell where they meet
             told = (*(n for n in view.columns.ray_columns[:1] if view.varies(n)), f"sim_{distances(view)[0]}")
         for kind in kinds:
