@@ -205,16 +205,25 @@ def _kin_beside(view: View) -> list[IntArray]:
         name = next((f"sim_{n}" for n in distances(view)), "")
         if not name or bench_of(view) is not None:
             return []
-        own = view.number(name)
-        gaps = [np.abs(view.take_number(name, place) - own) for place in _beside(view)]
-        seen = [np.isfinite(gap) & (gap < _JUMP * own) for gap in gaps]
-        usual = [float(np.median(gap[s])) if s.any() else 0.0 for gap, s in zip(gaps, seen, strict=True)]
+        least = _JUMP * view.number(name)
+        usual = per_table(view, "usual gaps", lambda: _usual_gaps(View(view.columns), name))
         return [
-            np.where(np.isnan(gap), UNKNOWN, np.where(gap > np.maximum(_JUMP * own, _JUMP_GAPS * few), OTHER, OWN))
-            for gap, few in zip(gaps, usual, strict=True)
+            np.where(np.isnan(gap), UNKNOWN, np.where(gap > np.maximum(least, _JUMP_GAPS * few), OTHER, OWN))
+            for gap, few in zip(_gaps(view, name), usual, strict=True)
         ]
 
     return per_view(view, "kin beside", make)
+
+
+def _gaps(view: View, name: str) -> list[FloatArray]:
+    """Absolute differences of a column to the places beside each row."""
+    return [np.abs(view.take_number(name, place) - view.number(name)) for place in _beside(view)]
+
+
+def _usual_gaps(view: View, name: str) -> list[float]:
+    """Median difference to each of the places beside, of those that are no jump; of all of a table's rows."""
+    small = [gap[gap < _JUMP * view.number(name)] for gap in _gaps(view, name)]
+    return [float(np.median(gap)) if gap.size else 0.0 for gap in small]
 
 
 def beyond_border(view: View, name: str) -> FloatArray:

@@ -4,8 +4,10 @@ import numpy as np
 import pyarrow as pa
 
 from arl_fixtures.reconcile.catalogue import library
+from arl_fixtures.reconcile.effects_surface import borders
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
+from arl_fixtures.reconcile.view import View
 
 BOARDS = (
     (-40.0, 5.3, 5.0, 0.5), (-22.0, 1.3, 8.0, 0.2), (-5.0, 6.1, 6.5, 0.4), (11.0, 2.2, 3.5, 0.6),
@@ -48,3 +50,14 @@ def test_a_beam_wider_than_a_ray_mixes_what_lies_on_both_sides_of_a_jump():
     findings = diagnose(scan(3, 0.1), effects=known)[0].findings
     assert findings[0].effect == "target.edge_mixing"
     assert findings[0].drivers == ["azimuth_deg", "sim_distance_m"]
+
+
+def test_an_edge_is_one_whichever_rows_are_looked_at():
+    """Rays along a floor that end farther and farther, by a fiftieth each, and a kerb of a fifth near the scanner."""
+    ray = np.arange(200)
+    far = 1.5 * np.exp(0.02 * ray) * np.where(ray < 20, 0.8, 1.0)
+    columns = columns_of(pa.table({
+        "step": np.zeros(200), "azimuth_deg": 0.5 * ray, "distance_m": far, "sim_distance_m": far,
+    }))  # fmt: skip
+    whole, near = View(columns), View(columns, np.arange(40))
+    np.testing.assert_array_equal(borders(near), borders(whole)[:40])
