@@ -20,11 +20,15 @@ from arl_fixtures.reconcile.effects_common import (
     temperature_drivers,
 )
 from arl_fixtures.reconcile.effects_history import History, history, low_pass, on_rows, reservoir, settles_at
+from arl_fixtures.reconcile.effects_illumination import field_cosine
 from arl_fixtures.reconcile.view import View
 
 
 class WindowFrost(LightFactor):
-    """I *= exp(−(depth + lean·h) · F), F the film, h from −1 at the lower to +1 at the upper image edge.
+    """I *= exp(−(depth + lean·h) · F / cos(θ)^slant), F the film, h from −1 (lower) to +1 (upper image edge).
+
+    θ is the field angle: through ice one looks the further the more aslant, up to slant = 1 for a rough film, less as
+    the film bends the rays upright. Plain films (slant 0) are tried first.
 
     * balance: dF/dt = e(onset) − e(T), e the vapour pressure: grows in proportion to the supersaturation below the
       dew or frost point `onset`, goes in proportion to the deficit above, `melt` times as fast; F ≥ 0.
@@ -63,6 +67,12 @@ class WindowFrost(LightFactor):
                     rest = shape("melt", "1", 0.02, 50.0, 1.0), *_soak(record)
                     yield self._variant(view, {**options, "kind": "balance"}, (*_depths(unit, most), onset, *rest))
                     yield from self._from_moist_air(view, options)
+                    aslant = _aslant(view)
+                    if aslant:
+                        first = replace(onset, starts=onset.starts[:1])
+                        yield self._variant(
+                            view, {**options, "kind": "balance"}, (*_depths(unit, most), first, *rest, *aslant)
+                        )
                     jump = settles_at(view, column)
                     if jump is not None:
                         told = {**options, "settles_at": jump}
@@ -120,6 +130,8 @@ class WindowFrost(LightFactor):
         else:
             cold = np.maximum(onset - record.values, 0.0)
             film = on_rows(view, low_pass(cold, record.interval / float(values["lag"])))
+        if "slant" in values:
+            film = film * field_cosine(view) ** -float(values["slant"])
         depth = float(values["depth"])
         if values["lean"] != 0.0:
             height = per_view(view, ("height", variant.options["upper"]), lambda: _height(variant, view))
@@ -145,7 +157,8 @@ class WindowFrost(LightFactor):
             film = f"F = max(onset - {column}, 0), delayed by lag"
         soaks = variant.options.get("settles_at")
         held = f"; {column} steps at {soaks} of the way from a step's rows to the next one's" if soaks else ""
-        return f"{channel} *= exp(-(depth + lean * height) * F); {film}{held}"
+        aslant = " / cos(field angle)^slant" if any(p.name == "slant" for p in variant.parameters) else ""
+        return f"{channel} *= exp(-(depth + lean * height) * F{aslant}); {film}{held}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Loss and onset."""
@@ -173,6 +186,8 @@ class WindowFrost(LightFactor):
 
 
 _COLDEST_C, _WARMEST_C = -20.0, 25.0
+_NARROW = 0.85
+"""Cosine of the outermost field angle from which on a film is as thick as in the middle."""
 _COLD_START_C = 5.0
 """Temperature of its first row below which a record began when there may have been ice."""
 
@@ -183,6 +198,13 @@ def _depths(unit: str, film: float) -> tuple[Parameter, Parameter]:
         amplitude("depth", unit, 0.0, 30.0 / film, 0.1 / film),
         amplitude("lean", unit, -15.0 / film, 15.0 / film, 0.02 / film),
     )
+
+
+def _aslant(view: View) -> tuple[Parameter, ...]:
+    """How much thicker the film is aslant, where the field is wide enough to tell."""
+    if float(field_cosine(view).min()) > _NARROW:
+        return ()
+    return (shape("slant", "1", 0.0, 2.0, 1.0),)
 
 
 def _vapour_hpa(temperature_c: FloatArray | float) -> FloatArray:
