@@ -115,7 +115,7 @@ def changes_in_room(
 
 def _make(view: View, sign: float) -> Room | None:
     table = view.columns
-    if not (view.varies("azimuth_deg") and view.varies("elevation_deg") and distances(view)):
+    if not (view.varies("azimuth_deg") and distances(view)):
         return None
     if (view.varies("pixel_u") or view.varies("pixel_v")) and not turns_round(view):
         return None
@@ -208,7 +208,7 @@ def _nearest(view: View, rows: IntArray, direction: FloatArray, device: IntArray
     height = np.degrees(np.arcsin(np.clip(direction[:, 2], -1.0, 1.0)))
     rings = np.unique(np.round(height, 2))
     stretch = 1.0
-    if rings.size <= _MOST_RINGS:
+    if 1 < rings.size <= _MOST_RINGS:
         around = ray_column(view, "azimuth_deg")[rows]
         along = max(float(np.ptp(around)) * rings.size / rows.size, 1e-6)
         stretch = float(np.clip(along / np.median(np.diff(rings)), 0.02, 1.0))

@@ -27,7 +27,8 @@ def cycle_of_a_wide_field(depth, seed=5):
             "cycle": np.ones(step.size), "step": step, "ramp": ramps[step], "set_temperature_c": temperatures[step],
             "housing_temperature_c": temperatures[step] + rng.normal(0.0, 0.1, 12)[step],
             "time_s": 1500.0 * step + 20.0 * stop + 1400.0, "stage_angle_deg": 10.0 * (stop - 2.0),
-            "azimuth_deg": azimuth, "elevation_deg": elevation, "pixel_u": pixel, "n_frames": np.full(step.size, 20.0),
+            "azimuth_deg": azimuth, "elevation_deg": elevation, "pixel_u": pixel,
+            "n_frames": np.full(step.size, 20.0),
             "sim_intensity_counts": light, "sim_intensity_counts_std": noise,
             "sim_intensity_counts_repeat_std": 0.003 * light,
             "intensity_counts": light * clear * (1.0 + 0.003 * rng.normal(size=12))[step]

@@ -1,0 +1,55 @@
+"""A scanner of one line on a turntable in a room: its beams are degrees apart, the walls between them are plain."""
+
+import numpy as np
+import pytest
+
+from arl_fixtures.reconcile.reconcile import diagnose
+from tests_unit.reconcile.test_seldom_names import columns_of, grid
+
+WALLS = ((0.0, 2.4), (70.0, 1.7), (150.0, 2.9), (215.0, 1.9), (290.0, 3.3))
+"""Bearing of each wall's normal, degrees, and its distance from the turntable's axis, metres."""
+POST_M, POST_RADIUS_M = np.array([1.1, -0.6]), 0.16
+
+
+def ranges_m(start, away):
+    """Range of every ray in the room, which has five walls and a post."""
+    far = np.full(len(start), np.inf)
+    for bearing, distance in WALLS:
+        normal = np.array([np.cos(np.radians(bearing)), np.sin(np.radians(bearing))])
+        facing = away @ normal
+        far = np.where(facing > 1e-9, np.minimum(far, (distance - start @ normal) / np.maximum(facing, 1e-9)), far)
+    to = POST_M - start
+    along = np.sum(to * away, axis=1)
+    within = POST_RADIUS_M**2 - (np.sum(to**2, axis=1) - along**2)
+    return np.where((within > 0.0) & (along > 0.0), along - np.sqrt(np.maximum(within, 0.0)), far)
+
+
+def turntable(forward_m, left_m, seed=4):
+    rng = np.random.default_rng(seed)
+    cycle, step, beam = grid(np.arange(5), np.arange(24), np.arange(-40, 41, 4))
+    stage = 15.0 * step
+    heading = np.radians(stage)
+    bearing = heading + np.radians(beam)
+    away = np.column_stack([np.cos(bearing), np.sin(bearing)])
+    ahead = np.column_stack([np.cos(heading), np.sin(heading)])
+    aside = np.column_stack([-np.sin(heading), np.cos(heading)])
+    nominal = ranges_m(np.zeros(ahead.shape), away)
+    real = ranges_m(forward_m * ahead + left_m * aside, away)
+    kept = np.abs(ranges_m(4.0 * (forward_m * ahead + left_m * aside), away) - nominal) < 0.05  # no silhouettes
+    measured = real + rng.normal(0.0, 0.006 / 5.0, real.size)
+    return columns_of(
+        {
+            "cycle": cycle[kept], "step": step[kept], "stage_angle_deg": stage[kept],
+            "azimuth_deg": beam[kept].astype(float), "n_frames": np.full(kept.sum(), 25.0),
+            "sim_distance_m": nominal[kept], "sim_distance_m_std": np.full(kept.sum(), 0.006),
+            "sim_distance_m_repeat_std": np.full(kept.sum(), 1e-6), "distance_m": measured[kept],
+        },
+    )  # fmt: skip
+
+
+def test_an_optical_centre_off_the_axis_is_told_by_walls_between_sparse_beams():
+    (found,) = diagnose(turntable(2e-4, 4e-4))[0].findings
+    assert found.effect == "stage.eccentricity"
+    told = {p.name: p for p in found.parameters}
+    assert told["forward"].value == pytest.approx(2e-4, abs=1.5e-4)
+    assert abs(told["right"].value) == pytest.approx(4e-4, abs=1.5e-4)
