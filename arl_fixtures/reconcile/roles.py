@@ -35,6 +35,7 @@ _SIGNAL_UNITS = {
     "counts", "cnt", "kcnt", "adu", "dn", "lsb", "electrons", "photons", "pe", "cps", "kcps", "mcps",
     "w", "mw", "uw", "nw", "j", "mj", "uj", "nj", "lux",
 }  # fmt: skip
+_POWERS = {"", "w", "mw", "uw"}
 _READ_IN = {"", "a", "ma", "ua", "na", "v", "mv", "uv", "hz", "khz", "mhz", "pct", "percent"}
 LIGHT_SPEED_M_S = 299_792_458.0
 _PER_METRE = {
@@ -43,6 +44,11 @@ _PER_METRE = {
 """Units of a distance in a metre; a time of flight counts the way there and back."""
 _FLIGHT_WORDS = ("tof", "flight", "delay", "arrival", "echo_time", "round_trip", "return_time")
 _SUPPLY_WORDS = ("rail", "laser", "supply", "bias", "tec", "pump", "heater", "drive", "battery", "clock", "rate")
+_NO_LIGHT_WORDS = frozenset(
+    {"supply", "heater", "heating", "heat", "tec", "peltier", "pump", "fan", "electric", "electrical", "consumption",
+     "consumed", "dissipation", "dissipated", "cooling", "compressor", "chiller", "battery", "mains"}
+)  # fmt: skip
+"""Words of a power that is drawn or carried off, not light."""
 _VISIT_WORDS = (
     "step", "stop", "readout", "read_out", "visit", "position", "placement", "station", "pose", "point", "setting",
     "session", "record", "measurement", "soak", "dwell", "burst", "shot", "batch", "interval", "sequence",
@@ -106,6 +112,8 @@ def role_of(name: str, channels: frozenset[str] | set[str] = frozenset()) -> Rol
     ['intensity', 'other', 'other']
     >>> [role_of(name).value for name in ("dc_current_a", "dark_current_na", "laser_current_a")]
     ['intensity', 'intensity', 'other']
+    >>> [role_of(name).value for name in ("supply_power_w", "tec_power_w", "laser_power_w", "detector_power_uw")]
+    ['other', 'other', 'intensity', 'intensity']
     >>> [role_of(name).value for name in ("counts", "peak_v", "lamp_v", "depth_cm", "tof_ps", "width_ns")]
     ['intensity', 'intensity', 'other', 'distance', 'distance', 'other']
     """
@@ -119,6 +127,8 @@ def role_of(name: str, channels: frozenset[str] | set[str] = frozenset()) -> Rol
     if unit in {"ns", "ps"} and any(word in name for word in _FLIGHT_WORDS):
         return Role.DISTANCE
     words = set(name.split("_"))
+    if unit in _POWERS and _NO_LIGHT_WORDS & words and "optical" not in words:
+        return Role.OTHER
     named = any(word in name for word in _SIGNAL_WORDS) or bool(_SIGNAL_NAMES & words)
     named = named or bool(_DETECTOR_NAMES & words and unit in _CURRENTS)
     if unit in _SIGNAL_UNITS or (unit in _READ_IN and named):

@@ -37,7 +37,7 @@ in two hundred names."""
 OVERSHADOWING = 1e4
 """Squares by which others change a channel more than a name does, from which a hundredth of theirs is all of it."""
 CALM, LEAST_CALM = 0.02, 0.25
-"""Part of the most that weather changes, up to which a row is free of it, and share of rows that must be."""
+"""Part of the most that weather or edges change up to which a row is free of them, and share of rows that must be."""
 LEAST_IN_UNIT, LEAST_POWER = 0.25, 0.02
 """Least factor of a name in a unit, of those that have a share of what it changes: one with next to none lacks it."""
 
@@ -89,15 +89,17 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
 def _quiet_rows(
     terms: Sequence[Term], term: Term, acting: Sequence[ChannelData], full: State, problem: Problem
 ) -> list[NDArray[np.bool_]] | None:
-    """Rows on which no weather acts beside a term, by channel; None where there is none, or next to no such row.
+    """Rows on which nothing acts beside a term whose errors are rough; None where all is plain, or hardly a row is.
 
     Frost hangs on each day's moisture: what its law leaves on one day and not on the other says nothing of a name
-    that grows from day to day.
+    that grows from day to day. And what a displaced or blurred ray leaves at an edge says nothing of the surfaces.
     """
-    weather = [t for t in terms if t.effect.weather and t is not term]
-    if not weather:
+    rough = [
+        t for t in terms if t is not term and (t.effect.weather or t.effect.displaces > term.effect.displaces)
+    ]  # fmt: skip
+    if not rough:
         return None
-    without = forward([t for t in terms if t not in weather], problem.view)
+    without = forward([t for t in terms if t not in rough], problem.view)
     quiet = []
     for d in acting:
         moved = np.abs(full[d.channel.name] - without[d.channel.name])[d.use]
