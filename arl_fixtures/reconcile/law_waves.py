@@ -27,6 +27,8 @@ _PARTS = 8
 """Frequencies that are tried within a turn over the span."""
 _CELLS_OF_TURN = 24
 """Cells of the grid in the shortest turn."""
+_RANK = 1e-9
+"""Share of all weight below which a wave differs from a constant, or a sine from a cosine, by rounding."""
 
 
 class Wave(NamedTuple):
@@ -92,16 +94,18 @@ def _strongest(place: FloatArray, score: FloatArray, weight: FloatArray, most: f
     cells = 1 << int(np.ceil(np.log2(_PARTS * _CELLS_OF_TURN * (most + 1.0))))
     cell = np.minimum(np.rint(place * (cells / _PARTS)).astype(np.int64), cells - 1)
     pushed, counted = (np.fft.rfft(np.bincount(cell, x, minlength=cells)) for x in (score, weight))
-    push = np.stack([np.full(len(order), score.sum()), -pushed[order].imag, pushed[order].real], axis=1)
+    total, shared = float(weight.sum()), float(score.sum())
     sine, cosine, twice = -counted[order].imag, counted[order].real, counted[2 * order]
-    total = float(weight.sum())
-    gram = np.empty((len(order), 3, 3))
-    gram[:, 0, 0], gram[:, 0, 1], gram[:, 0, 2] = total, sine, cosine
-    gram[:, 1, 1], gram[:, 2, 2] = 0.5 * (total - twice.real), 0.5 * (total + twice.real)
-    gram[:, 1, 2] = -0.5 * twice.imag
-    gram[:, 1, 0], gram[:, 2, 0], gram[:, 2, 1] = gram[:, 0, 1], gram[:, 0, 2], gram[:, 1, 2]
-    inverse = np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
-    return float(order[np.argmax(np.einsum("fi,fij,fj->f", push, inverse, push))]) / _PARTS
+    push_sine = -pushed[order].imag - shared * sine / total  # beside a constant
+    push_cosine = pushed[order].real - shared * cosine / total
+    sines = 0.5 * (total - twice.real) - sine**2 / total
+    cosines = 0.5 * (total + twice.real) - cosine**2 / total
+    both = -0.5 * twice.imag - sine * cosine / total
+    size, determinant = sines + cosines, sines * cosines - both**2
+    whole = determinant > _RANK * total * size  # or else one wave of the two is no other than the constant
+    squares = cosines * push_sine**2 - 2.0 * both * push_sine * push_cosine + sines * push_cosine**2
+    drop = np.divide(push_sine**2 + push_cosine**2, size, out=np.zeros(len(order)), where=size > _RANK * total)
+    return float(order[np.argmax(np.divide(squares, determinant, out=drop, where=whole))]) / _PARTS
 
 
 def best_pair_wave(work: Work, first: str, second: str) -> tuple[float, float] | None:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from itertools import product
 
 import numpy as np
+from scipy.signal import lfilter
 
 from arl_fixtures.reconcile.effect import Effect, Option, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import FloatArray, amplitude, is_of, shape
@@ -116,6 +117,10 @@ def _plateau(record: History, tau: float, point: float, latent: float, film: flo
     drive = record.values + tau * rate(record)
     gain = 1.0 - float(np.exp(-record.interval / tau))
     pushed = 0.5 * (drive[:, :-1] + drive[:, 1:])
+    if latent == 0.0:  # nothing to melt: the same recursion, at once
+        first = record.values[:, :1]
+        later, _ = lfilter([gain], [1.0, gain - 1.0], pushed - first, axis=1, zi=np.zeros((len(first), 1)))
+        return np.concatenate([first, first + later], axis=1)
     result = np.empty_like(record.values)
     for row, (now, pushes) in enumerate(zip(record.values[:, 0].tolist(), pushed.tolist(), strict=True)):
         if film > 0.0:
