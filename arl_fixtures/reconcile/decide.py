@@ -46,6 +46,7 @@ from arl_fixtures.reconcile.standing import Standing
 from arl_fixtures.reconcile.steadiness import is_unsteady
 from arl_fixtures.reconcile.terms import Term, forward
 from arl_fixtures.reconcile.unit_conditions import law_of_units
+from arl_fixtures.reconcile.unit_strengths import with_strengths
 
 LEAST_ENERGY = 1.0
 """Squared standard errors by which an effect must move a channel to act in it."""
@@ -91,6 +92,7 @@ class Decision:
         if len(own) < len(self.best.terms):
             self._keep(own)
             self._look()
+        self._tell_units_apart()
         self._find_laws()
         self._drop_shadowed()
         self._find_scatters()
@@ -112,6 +114,13 @@ class Decision:
         if not findings:  # beside others, calibration is no finding
             findings = [line_finding(self, d) for d in self.problem.data if d.channel.name in self.search.lines]
         return ordered(findings, names), self._fits()
+
+    def _tell_units_apart(self) -> None:
+        """Let units that are not alike have the names in strengths of their own."""
+        terms = with_strengths(self.problem, self.best.terms)
+        if any(t.strengths for t in terms):
+            self.best = finish(self.problem, replace(self.best, terms=terms))
+            self._look()
 
     def _is_constant(self, d: ChannelData) -> bool:
         """Whether a channel that no finding moves is off by a constant that no scatter of its steps explains."""

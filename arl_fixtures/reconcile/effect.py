@@ -241,6 +241,10 @@ class Effect(ABC):
         """
         return {}
 
+    def is_far_fetched(self, variant: Variant, values: Mapping[str, float]) -> bool:
+        """Whether hardly any part works like that: what explains about as much in a usual size is named instead."""
+        return False
+
     def says_as_well(self, variant: Variant) -> tuple[str, ...]:
         """Ids that mean the same in the way in which a variant acts, whatever tells their laws apart."""
         return ()

@@ -39,7 +39,7 @@ def statement(sentence: str, where: dict[str, list[str] | list[float]], twins: S
 
 def tidy(sentence: str) -> str:
     """A sentence without the unit 1 behind a number, signs before a rounded zero, and spaces before a full stop."""
-    text = re.sub(r"(?<=\d) 1(?= of |[.,;)]|$)", "", sentence.strip())
+    text = re.sub(r"(?<=\d) 1(?= of |[.,;)](?!\d)|$)", "", sentence.strip())
     text = re.sub(r"(?<![\w.^*])[+-](?=0\.0+(?:\s|%))", "", text)
     return re.sub(r"\s+(?=[.,;])", "", re.sub(r"  +", " ", text))
 

@@ -50,6 +50,9 @@ def named_finding(decision: Decision, index: int) -> Finding:
         where.setdefault(column, bounds)
     effect = term.effect
     sentence = effect.sentence(term.variant, term.values, view)
+    if term.strengths is not None:
+        each = ", ".join(f"{'|'.join(key)} {value:.2f} times" for key, value in term.strengths.levels.items())
+        sentence += f" Units differ: {each} this."
     return Finding(
         effect=effect.id, channels=channels, where=where, drivers=effect.drivers(term.variant, term.values, view),
         expression=effect.expression(term.variant), source=effect.source, parameters=_parameters(decision, index),
@@ -83,6 +86,10 @@ def _parameters(decision: Decision, index: int) -> list[ParameterValue]:
             value, width = term.values[p.name], float(np.hypot(width, 1.96 * unknown.get(p.name, 0.0)))
             low, high = max(value - width, p.low), min(value + width, p.high)
             made.append(ParameterValue(name=p.name, value=value, unit=p.unit, low=float(low), high=float(high)))
+    if term.strengths is not None:
+        for key, value in term.strengths.levels.items():
+            wide, name = 1.96 * term.strengths.errors[key], f"strength_{'|'.join(key)}"
+            made.append(ParameterValue(name=name, value=value, unit="1", low=value - wide, high=value + wide))
     return made
 
 

@@ -29,7 +29,10 @@ class FieldFile(FileModel):
 
 
 class EffectFile(FileModel):
-    """One effect with its choices and values; `channels` and `drivers` are for the reader."""
+    """One effect with its choices and values; `channels` and `drivers` are for the reader.
+
+    `strengths`: how much of it each unit shows, where units differ; 1 for others.
+    """
 
     effect: str
     options: dict[str, Scalar] = Field(default_factory=dict)
@@ -39,6 +42,7 @@ class EffectFile(FileModel):
     channels: list[str] = Field(default_factory=list)
     drivers: list[str] = Field(default_factory=list)
     fields: dict[str, FieldFile] = Field(default_factory=dict)
+    strengths: FieldFile | None = None
 
 
 class AxisFile(FileModel):
@@ -149,15 +153,17 @@ def model_of(
 
 def _effect_file(term: Term) -> EffectFile:
     per = {p.name: p.per for p in term.variant.parameters if p.per}
-    fields = {
-        name: FieldFile(per=list(per[name]), levels=[[*key, float(value)] for key, value in levels.items()])
-        for name, levels in (term.fields or {}).items()
-    }
+    fields = {name: _field_file(per[name], levels) for name, levels in (term.fields or {}).items()}
+    each = None if term.strengths is None else _field_file(term.strengths.per, term.strengths.levels)
     return EffectFile(
-        effect=term.effect.id, options=dict(term.variant.options), values=term.values, fields=fields,
+        effect=term.effect.id, options=dict(term.variant.options), values=term.values, fields=fields, strengths=each,
         only={term.unit_column: term.unit} if term.unit else {}, channels=list(term.variant.channels),
         drivers=list(term.variant.drivers), scatters=term.side,
     )  # fmt: skip
+
+
+def _field_file(per: tuple[str, ...], levels: dict[tuple[str, ...], float]) -> FieldFile:
+    return FieldFile(per=list(per), levels=[[*key, float(value)] for key, value in levels.items()])
 
 
 def _axis_file(a: Axis) -> AxisFile:

@@ -18,7 +18,7 @@ from arl_fixtures.reconcile.law import Axis, Law, LawTerm
 from arl_fixtures.reconcile.model_file import AxisFile, EffectFile, ModelFile, unit_keys
 from arl_fixtures.reconcile.readings import smooth_readings
 from arl_fixtures.reconcile.roles import MADE_OF
-from arl_fixtures.reconcile.terms import Term, forward
+from arl_fixtures.reconcile.terms import Strengths, Term, forward
 from arl_fixtures.reconcile.view import View
 
 
@@ -60,9 +60,17 @@ def terms_of(model: ModelFile, view: View, path: Path) -> list[Term]:
                 unit=unit,
                 unit_column=column,
                 side=item.scatters,
+                strengths=_strengths_of(item),
             )
         )
     return terms
+
+
+def _strengths_of(item: EffectFile) -> Strengths | None:
+    if item.strengths is None:
+        return None
+    levels = {tuple(str(k) for k in row[:-1]): float(row[-1]) for row in item.strengths.levels}
+    return Strengths(per=tuple(item.strengths.per), levels=levels, errors={})
 
 
 def _variant_of(item: EffectFile) -> Variant:

@@ -24,6 +24,8 @@ POLISHED = 6
 """Candidates that are fitted on all rows."""
 CONFLICT = 4.0
 """Log-likelihood that an effect must gain before scatters are taken to move otherwise than its law says."""
+FAR_FETCHED = 6.0
+"""Log-likelihood that it costs an effect to be of a size that hardly a part has, one in four hundred at most."""
 FREED = 8
 """Rounds of a fit in which scatters no longer hold an effect where they fit."""
 
@@ -55,7 +57,8 @@ def polished(full: Problem, base: Fit, candidate: Candidate, terms: tuple[Term, 
     kept = [(d, d.tau) for d in full.data]
     full.refit_scatter(forward(terms, full.view), lost=float(len(base.keys)))
     found = finish(full, fit(full, terms, rounds=rounds))
-    gain = worth(found, base)
+    last = found.terms[-1]
+    gain = worth(found, base) - FAR_FETCHED * last.effect.is_far_fetched(last.variant, last.values)
     strict = gain + _strict(full, found) - found.log_likelihood + base.log_likelihood - _strict(full, base)
     robust = robust_gain(full, found, len(base.terms), max(gain, strict))
     for d, tau in kept:

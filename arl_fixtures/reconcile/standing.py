@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from arl_fixtures.reconcile.acceptance import PRICE
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.law_search import search_law
@@ -24,6 +26,7 @@ from arl_fixtures.reconcile.rivals import (
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.step_means import acts_within_steps, leaves_other_rows, left_in_steps
 from arl_fixtures.reconcile.terms import Term, forward
+from arl_fixtures.reconcile.unit_strengths import of_each_unit
 
 if TYPE_CHECKING:
     from arl_fixtures.reconcile.decide import Decision
@@ -121,6 +124,10 @@ class Standing:
         base = d.fit_scatter(d.residual(bare))[0]
         price = PRICE * sum(len(t.free()) for t in acting)
         named = d.fit_scatter(d.residual(own))[0] - base - price
+        each = None if any(t.effect.shared for t in acting) else of_each_unit(d, own, bare)
+        if each is not None:  # units are not alike: each may have the names in a strength of its own
+            price += PRICE * (np.unique(d.unit).size - 1)
+            named = max(named, d.fit_scatter(d.residual(each))[0] - base - price)
         # free scatters of pixels or steps hide most of a gain, unless the law changes as much
         plain = plain_change(d, own[d.channel.name] - bare[d.channel.name])
         if plain_change(d, law.correction(self.looker.features, bare[d.channel.name])) > plain:

@@ -24,6 +24,7 @@ from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.terms import Term, forward
+from arl_fixtures.reconcile.unit_strengths import LEAST_IN_UNIT, LEAST_POWER
 
 BINS = 12
 UNSTEADY, UNSTEADY_EXACT, UNSTEADY_WEATHER = 0.3, 0.15, 0.5
@@ -38,8 +39,6 @@ OVERSHADOWING = 1e4
 """Squares by which others change a channel more than a name does, from which a hundredth of theirs is all of it."""
 CALM, LEAST_CALM = 0.02, 0.25
 """Part of the most that weather or edges change up to which a row is free of them, and share of rows that must be."""
-LEAST_IN_UNIT, LEAST_POWER = 0.25, 0.02
-"""Least factor of a name in a unit, of those that have a share of what it changes: one with next to none lacks it."""
 
 
 def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:

@@ -14,6 +14,26 @@ from arl_fixtures.reconcile.view import View
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Strengths:
+    """How much of what an effect does each unit shows, over what all show together: two lasers do not age alike.
+
+    Attributes:
+        per: columns that make a unit.
+        levels: factor by unit; units never seen have 1.
+        errors: standard error of each.
+    """
+
+    per: tuple[str, ...]
+    levels: dict[tuple[str, ...], float]
+    errors: dict[tuple[str, ...], float]
+
+    def on_rows(self, view: View) -> FloatArray:
+        """The factor of every row of a view."""
+        inverse, keys = field_keys(self.per, view)
+        return np.array([self.levels.get(key, 1.0) for key in keys], dtype=np.float64)[inverse]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Term:
     """One effect with its values.
 
@@ -25,6 +45,7 @@ class Term:
         unit_column: the category column of `unit`.
         fields: name of a field parameter to its values by level key.
         side: how scatters go along with what the effect does to means.
+        strengths: in which units it does more or less; None where all are alike.
     """
 
     effect: Effect
@@ -34,6 +55,7 @@ class Term:
     unit_column: str = ""
     fields: dict[str, dict[tuple[str, ...], float]] | None = None
     side: Side = Side.OWN
+    strengths: Strengths | None = None
 
     @property
     def label(self) -> str:
@@ -64,10 +86,13 @@ class Term:
             self.effect.apply(self.variant, values, after, view)
             after = with_scatters(self.side, state, after, view)
         inside = view.selects(self.unit_column, self.unit) if self.unit else None
+        share = None if self.strengths is None else self.strengths.on_rows(view)
         for name, old in state.items():
             new = after[name]
             if new is old:
                 continue
+            if share is not None:
+                new = after[name] = old + share * (new - old)
             good = np.isfinite(new)
             if inside is None and good.all():
                 continue

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -22,6 +22,10 @@ from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
 _MOST_RAILS = 8
+_PER_VOLT = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
+_LOW_V, _MOST_COUPLING = 24.0, 5.0
+"""Volts of a supply up to which it is no bias of an avalanche diode, and percent of gain for one of its percents that
+hardly a circuit there has: a laser's driver follows with one or two, what is regulated with less than one."""
 _FEWEST_LEVELS = 6
 """Different readings of a rail from which a drop-out is told from a straight line."""
 
@@ -67,6 +71,11 @@ class RailCoupling(LightFactor):
                     channels=light_channels(view, channel),
                     drivers=(rail,),
                 )
+
+    def is_far_fetched(self, variant: Variant, values: Mapping[str, float]) -> bool:
+        """A rail that drifts by little with the heat is rather a thermometer than a lever."""
+        low = abs(float(variant.options["reference"])) * _PER_VOLT[unit_of(str(variant.options["rail"]))] < _LOW_V
+        return low and abs(float(values["coupling"])) > _MOST_COUPLING
 
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Relative gain at the row's supply."""
