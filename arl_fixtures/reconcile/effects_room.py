@@ -67,7 +67,7 @@ class Room:
 
 
 def room_of(view: View, sign: float) -> Room | None:
-    """The planes about a scanner; None where the table has a camera's pixels, or no rays in two directions."""
+    """The planes about a scanner, or a beam that a stage turns; None where the table has a camera's pixels."""
     return per_table(view, ("room", sign), lambda: _make(view, sign))
 
 
@@ -115,7 +115,7 @@ def changes_in_room(
 
 def _make(view: View, sign: float) -> Room | None:
     table = view.columns
-    if not (view.varies("azimuth_deg") and distances(view)):
+    if not (distances(view) and (view.varies("azimuth_deg") or view.varies("stage_angle_deg"))):
         return None
     if (view.varies("pixel_u") or view.varies("pixel_v")) and not turns_round(view):
         return None

@@ -53,3 +53,34 @@ def test_an_optical_centre_off_the_axis_is_told_by_walls_between_sparse_beams():
     told = {p.name: p for p in found.parameters}
     assert told["forward"].value == pytest.approx(2e-4, abs=1.5e-4)
     assert abs(told["right"].value) == pytest.approx(4e-4, abs=1.5e-4)
+
+
+def single_beam(swing_deg, seed=9):
+    """A beam that a turntable turns in steps of two degrees; its worm has eighteen turns in one of the table."""
+    rng = np.random.default_rng(seed)
+    step, place = grid(np.arange(10), np.arange(180))
+    stage = 2.0 * place + 0.3
+    swung = stage + swing_deg * (np.sin(np.radians(18.0 * stage)) + 0.3 * np.sin(np.radians(36.0 * stage)))
+
+    def far(angle):
+        away = np.column_stack([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
+        return ranges_m(np.zeros(away.shape), away)
+
+    nominal, real = far(stage), far(swung)
+    kept = np.maximum(np.abs(far(stage + 0.3) - nominal), np.abs(far(stage - 0.3) - nominal)) < 0.05  # no silhouettes
+    measured = real + 4e-4 * rng.normal(size=10)[step] + rng.normal(0.0, 0.004 / 4.0, real.size)
+    return columns_of(
+        {
+            "step": step[kept], "stage_angle_deg": stage[kept], "n_frames": np.full(kept.sum(), 16.0),
+            "sim_distance_m": nominal[kept], "sim_distance_m_std": np.full(kept.sum(), 0.004),
+            "sim_distance_m_repeat_std": np.full(kept.sum(), 4e-4), "distance_m": measured[kept],
+        },
+    )  # fmt: skip
+
+
+def test_a_worm_is_told_by_the_slope_of_walls_between_two_stops():
+    (found,) = diagnose(single_beam(0.012))[0].findings
+    assert found.effect == "stage.periodic_error"
+    told = {p.name: p.value for p in found.parameters}
+    assert told["period"] == pytest.approx(20.0, rel=0.01)
+    assert np.hypot(told["sine"], told["cosine"]) == pytest.approx(0.012, rel=0.25)

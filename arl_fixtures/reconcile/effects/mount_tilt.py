@@ -47,7 +47,7 @@ class Tilt(Effect):
             found.pitch_deg > 0.0
             or found.upright
             or bench_of(view) is not None
-            or room_of(view, found.sign) is not None
+            or (view.varies("elevation_deg") and room_of(view, found.sign) is not None)
         )
         turns = _TURNS if known else _TURNS[:1]
         for way in ways_of_looking(view):
