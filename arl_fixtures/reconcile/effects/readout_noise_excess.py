@@ -35,7 +35,8 @@ class NoiseExcess(Effect):
     * everywhere: c = 1.
     * growing: c = 2^((T − highest) / doubling).
     * split: one factor below and one above a knee of a temperature, the image or the ramp.
-    * rising: c = max(x − knee, 0) / (highest − knee) of the range or another condition, or of its fall.
+    * rising: c = max(x − knee, 0) / (highest − knee) of the range or another condition, of its fall, or of its size
+      where it goes both ways (the current of a cooler that heats as well).
     * while: c = 1 while something is switched on (a lamp, a heater) or a condition has one of its few names or values
       (a bias), else 0.
     """
@@ -69,6 +70,11 @@ class NoiseExcess(Effect):
                         "end": end,
                         "reach": rounded(high if end == "high" else low),
                     }
+                    yield self._variant(view, channel.name, {"condition": "rising", **ends}, (knee,))
+                if min(-low, high) > _BOTH_WAYS * (high - low):  # a current that heats and cools
+                    reach = rounded(max(-low, high))
+                    ends = {"column": column, "end": "size", "reach": reach}
+                    knee = shape("knee", unit_of(column), 0.0, reach, 0.0)
                     yield self._variant(view, channel.name, {"condition": "rising", **ends}, (knee,))
             for column in split:
                 low, high = view.span(column)
@@ -121,6 +127,8 @@ class NoiseExcess(Effect):
             switch = str(variant.options["column"])
             level = str(variant.options["level"])
             return {switch: [level] if view.is_category(switch) else [float(level)] * 2}
+        if variant.options.get("end") == "size":
+            return {}
         if variant.options["condition"] == "rising":
             ends = float(values["knee"]), float(variant.options["reach"])
             return {str(variant.options["column"]): [min(ends), max(ends)]}
@@ -139,6 +147,7 @@ class NoiseExcess(Effect):
         if variant.options["condition"] == "growing":
             grown = f", c = 2^(({column} - {variant.options['highest']}) / doubling)"
         elif variant.options["condition"] == "rising":
+            column = f"|{column}|" if variant.options["end"] == "size" else column
             grown = f", c = max(({column} - knee) / ({variant.options['reach']} - knee), 0)"
         elif variant.options["condition"] == "while":
             grown = f", c = [{column} = {variant.options['level']}]"
@@ -156,7 +165,8 @@ class NoiseExcess(Effect):
         if variant.options["condition"] == "while":
             condition = f"while {column} is {variant.options['level']}"
         if variant.options["condition"] == "rising":
-            side = "above" if variant.options["end"] == "high" else "below"
+            side = "below" if variant.options["end"] == "low" else "above"
+            column = f"the size of {column}" if variant.options["end"] == "size" else column
             condition = f"where {column} is {side} {values['knee']:.4g}, the more the farther"
         if variant.options["condition"] == "split":
             above = values["factor_above"] >= values["factor_below"]
@@ -197,6 +207,8 @@ def _may_cause(name: str) -> bool:
 
 _NO_CAUSE = ("azimuth_deg", "elevation_deg", "incidence_deg", "reflectance", "stage_angle_deg", "time_s", *_NO_SWITCH)
 _MOST_CONDITIONS, _FEWEST_LEVELS = 5, 4
+_BOTH_WAYS = 0.15
+"""Share of a condition's span that must lie on either side of nil for its size to be a condition of its own."""
 
 
 def _conditions(view: View, temperatures: tuple[str, ...]) -> list[str]:
@@ -219,7 +231,10 @@ def _risen(variant: Variant, values: Values, view: View) -> FloatArray:
     """Share of the way from the knee to the end of a condition; 0 before the knee."""
     knee, reach = float(values["knee"]), float(variant.options["reach"])
     way = reach - knee if abs(reach - knee) > 1e-12 else 1e-12
-    return np.maximum(np.nan_to_num((view.number(str(variant.options["column"])) - knee) / way), 0.0)
+    place = view.number(str(variant.options["column"]))
+    if variant.options["end"] == "size":
+        place = np.abs(place)
+    return np.maximum(np.nan_to_num((place - knee) / way), 0.0)
 
 
 def _is_on(view: View, variant: Variant) -> BoolArray:
