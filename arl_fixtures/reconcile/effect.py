@@ -36,6 +36,8 @@ does not depend on parameters.
 **Restriction**: do not enumerate DUTs (or cycles). The engine itself tries every effect on one DUT only. Enumerate
 surfaces, columns, directions where the physics does; keep to about ten variants, each one costs.
 
+**Size**: where hardly a part could work as a fit says, `is_far_fetched` tells; such a name must gain more.
+
 **Free patterns** (`detector.pixel_response`): a `Parameter` with `per=("dut", "pixel_u", "pixel_v")` is a *field*:
 the engine estimates one value per level (shrunk towards null) and hands `apply` an array of the view's rows under
 its name.

@@ -49,13 +49,14 @@ def named_finding(decision: Decision, index: int) -> Finding:
     for column, bounds in _region(decision, term, channels).items():
         where.setdefault(column, bounds)
     effect = term.effect
-    sentence = effect.sentence(term.variant, term.values, view)
+    sentence, law = effect.sentence(term.variant, term.values, view), effect.expression(term.variant)
     if term.strengths is not None:
+        law += "; of this change each unit has its strength"
         each = ", ".join(f"{'|'.join(key)} {value:.2f} times" for key, value in term.strengths.levels.items())
         sentence += f" Units differ: {each} this."
     return Finding(
         effect=effect.id, channels=channels, where=where, drivers=effect.drivers(term.variant, term.values, view),
-        expression=effect.expression(term.variant), source=effect.source, parameters=_parameters(decision, index),
+        expression=law, source=effect.source, parameters=_parameters(decision, index),
         statement=statement(sentence, where, twins), alternatives=alternatives, equivalent_to=twins,
         held_out=held_out_without(decision, [term], channels, gain), strength=gain, terms=[term],
         next_experiment=separating(effect.next_experiment(term.variant), tests),
