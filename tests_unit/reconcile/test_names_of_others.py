@@ -107,6 +107,11 @@ def test_units_come_back(kelvin, minutes):
         ("counts", Role.INTENSITY), ("peak_v", Role.INTENSITY), ("level_adu", Role.INTENSITY), ("lamp_v", Role.OTHER),
         ("tof_ps", Role.DISTANCE), ("depth_cm", Role.DISTANCE), ("case_degc", Role.TEMPERATURE),
         ("pulse_width_ns", Role.OTHER),
+        ("supply_power_w", Role.OTHER),
+        ("tec_power_mw", Role.OTHER),
+        ("laser_power_w", Role.INTENSITY),
+        ("detector_power_uw", Role.INTENSITY),
+        ("optical_pump_power_w", Role.INTENSITY),
     ],
 )  # fmt: skip
 def test_roles_of_channels_that_others_have(name, role):
