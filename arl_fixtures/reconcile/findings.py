@@ -52,7 +52,7 @@ def named_finding(decision: Decision, index: int) -> Finding:
     sentence, law = effect.sentence(term.variant, term.values, view), effect.expression(term.variant)
     if term.strengths is not None:
         law += "; of this change each unit has its strength"
-        each = ", ".join(f"{'|'.join(key)} {value:.2f} times" for key, value in term.strengths.levels.items())
+        each = ", ".join(f"{unit} {value:.2f} times" for unit, (value, _) in term.strengths.named().items())
         sentence += f" Units differ: {each} this."
     return Finding(
         effect=effect.id, channels=channels, where=where, drivers=effect.drivers(term.variant, term.values, view),
@@ -88,9 +88,9 @@ def _parameters(decision: Decision, index: int) -> list[ParameterValue]:
             low, high = max(value - width, p.low), min(value + width, p.high)
             made.append(ParameterValue(name=p.name, value=value, unit=p.unit, low=float(low), high=float(high)))
     if term.strengths is not None:
-        for key, value in term.strengths.levels.items():
-            wide, name = 1.96 * term.strengths.errors[key], f"strength_{'|'.join(key)}"
-            made.append(ParameterValue(name=name, value=value, unit="1", low=value - wide, high=value + wide))
+        for unit, (value, error) in term.strengths.named().items():
+            low, high = value - 1.96 * error, value + 1.96 * error
+            made.append(ParameterValue(name=f"strength_{unit}", value=value, unit="1", low=low, high=high))
     return made
 
 

@@ -15,7 +15,7 @@ from arl_fixtures.reconcile.derived_rays import derive_rays
 from arl_fixtures.reconcile.effect import Parameter, State, Variant
 from arl_fixtures.reconcile.features import category_id, features_of
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm
-from arl_fixtures.reconcile.model_file import AxisFile, EffectFile, ModelFile, unit_keys
+from arl_fixtures.reconcile.model_file import AxisFile, EffectFile, FieldFile, ModelFile, unit_keys
 from arl_fixtures.reconcile.readings import smooth_readings
 from arl_fixtures.reconcile.roles import MADE_OF
 from arl_fixtures.reconcile.terms import Strengths, Term, forward
@@ -46,10 +46,7 @@ def terms_of(model: ModelFile, view: View, path: Path) -> list[Term]:
         if item.channels and not any(view.has(f"sim_{c}") for c in item.channels):
             raise DataError(f"the table lacks column 'sim_{item.channels[0]}', which {item.effect} changes")
         variant = _variant_of(item)
-        fields = {
-            name: {tuple(str(k) for k in row[:-1]): float(row[-1]) for row in field.levels}
-            for name, field in item.fields.items()
-        }
+        fields = {name: _levels_of(field) for name, field in item.fields.items()}
         column, unit = next(iter(item.only.items()), ("", ""))
         terms.append(
             Term(
@@ -60,17 +57,18 @@ def terms_of(model: ModelFile, view: View, path: Path) -> list[Term]:
                 unit=unit,
                 unit_column=column,
                 side=item.scatters,
-                strengths=_strengths_of(item),
+                strengths=None if item.strengths is None else _strengths_of(item.strengths),
             )
         )
     return terms
 
 
-def _strengths_of(item: EffectFile) -> Strengths | None:
-    if item.strengths is None:
-        return None
-    levels = {tuple(str(k) for k in row[:-1]): float(row[-1]) for row in item.strengths.levels}
-    return Strengths(per=tuple(item.strengths.per), levels=levels, errors={})
+def _levels_of(field: FieldFile) -> dict[tuple[str, ...], float]:
+    return {tuple(str(k) for k in row[:-1]): float(row[-1]) for row in field.levels}
+
+
+def _strengths_of(field: FieldFile) -> Strengths:
+    return Strengths(per=tuple(field.per), levels=_levels_of(field), errors={})
 
 
 def _variant_of(item: EffectFile) -> Variant:

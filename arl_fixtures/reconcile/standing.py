@@ -26,7 +26,7 @@ from arl_fixtures.reconcile.rivals import (
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.step_means import acts_within_steps, leaves_other_rows, left_in_steps
 from arl_fixtures.reconcile.terms import Term, forward
-from arl_fixtures.reconcile.unit_strengths import of_each_unit
+from arl_fixtures.reconcile.unit_strengths import may_differ, of_each_unit
 
 if TYPE_CHECKING:
     from arl_fixtures.reconcile.decide import Decision
@@ -124,7 +124,7 @@ class Standing:
         base = d.fit_scatter(d.residual(bare))[0]
         price = PRICE * sum(len(t.free()) for t in acting)
         named = d.fit_scatter(d.residual(own))[0] - base - price
-        each = None if any(t.effect.shared for t in acting) else of_each_unit(d, own, bare)
+        each = of_each_unit(d, own, bare) if all(map(may_differ, acting)) else None
         if each is not None:  # units are not alike: each may have the names in a strength of its own
             price += PRICE * (np.unique(d.unit).size - 1)
             named = max(named, d.fit_scatter(d.residual(each))[0] - base - price)

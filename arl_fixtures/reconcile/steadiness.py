@@ -24,7 +24,7 @@ from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.terms import Term, forward
-from arl_fixtures.reconcile.unit_strengths import LEAST_IN_UNIT, LEAST_POWER
+from arl_fixtures.reconcile.unit_strengths import factors_of
 
 BINS = 12
 UNSTEADY, UNSTEADY_EXACT, UNSTEADY_WEATHER = 0.3, 0.15, 0.5
@@ -141,9 +141,8 @@ def _moves(
 def acts_in_all(unit: FloatArray, power: FloatArray, score: FloatArray) -> bool:
     """Whether a change acts in every unit, if more in one than in another: units are not alike."""
     code = _bins(unit)
-    total, pull = (np.bincount(code, x) for x in (power, score))
-    there = total > LEAST_POWER * total.sum()
-    return bool(np.all(1.0 + pull[there] / total[there] > LEAST_IN_UNIT))
+    total, pull = (np.asarray(np.bincount(code, x), dtype=np.float64) for x in (power, score))
+    return factors_of(total, pull) is not None
 
 
 def _places(problem: Problem) -> IntArray:

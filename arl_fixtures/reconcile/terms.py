@@ -20,12 +20,16 @@ class Strengths:
     Attributes:
         per: columns that make a unit.
         levels: factor by unit; units never seen have 1.
-        errors: standard error of each.
+        errors: standard error of each; empty where read from a file.
     """
 
     per: tuple[str, ...]
     levels: dict[tuple[str, ...], float]
     errors: dict[tuple[str, ...], float]
+
+    def named(self) -> dict[str, tuple[float, float]]:
+        """Factor and its standard error by a unit's name."""
+        return {"|".join(key): (value, self.errors[key]) for key, value in self.levels.items()}
 
     def on_rows(self, view: View) -> FloatArray:
         """The factor of every row of a view."""

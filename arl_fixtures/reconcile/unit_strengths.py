@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from arl_fixtures.reconcile.acceptance import PRICE
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
@@ -15,10 +16,17 @@ from arl_fixtures.reconcile.terms import Strengths, Term, field_keys, forward
 
 LEAST_IN_UNIT, LEAST_POWER = 0.25, 0.02
 """Least factor of a name in a unit, of those that have a share of what it changes: one with next to none lacks it."""
-PRICE = 2.0
-"""Log-likelihood that each further number must gain."""
 STRENGTH_GAIN, STRENGTH_SIZE = 6.0, 0.1
 """Log-likelihood and difference from which units are said to have strengths of their own."""
+
+
+def may_differ(term: Term) -> bool:
+    """Whether units may have a name in strengths of their own.
+
+    What displaces rays does not grow with a factor; what belongs to one unit, to the scene or to single pixels has no
+    factor by unit.
+    """
+    return not (term.fields or term.unit or term.effect.displaces or term.effect.shared)
 
 
 def of_each_unit(d: ChannelData, full: State, bare: State) -> State | None:
@@ -32,7 +40,7 @@ def of_each_unit(d: ChannelData, full: State, bare: State) -> State | None:
     if np.unique(d.unit).size < 2:
         return None
     power, score = _power_and_score(d, full, bare)
-    factor = _factors(power, score)
+    factor = factors_of(power, score)
     if factor is None:
         return None
     name, of_row = d.channel.name, np.ones(full[d.channel.name].shape)
@@ -41,13 +49,10 @@ def of_each_unit(d: ChannelData, full: State, bare: State) -> State | None:
 
 
 def with_strengths(problem: Problem, terms: Sequence[Term]) -> tuple[Term, ...]:
-    """The terms, those with the strengths of each unit that are clearly not alike in all.
-
-    What displaces rays, belongs to one unit or is the scene's is left as it is, and free patterns are.
-    """
+    """The terms, those with the strengths of each unit that are clearly not alike in all."""
     found = list(terms)
     for place, term in enumerate(terms):
-        if not (term.fields or term.unit or term.effect.displaces or term.effect.shared):
+        if may_differ(term):
             rest = [t for k, t in enumerate(found) if k != place]
             found[place] = replace(term, strengths=_strengths_of(problem, rest, term))
     return tuple(found)
@@ -66,7 +71,7 @@ def _strengths_of(problem: Problem, rest: Sequence[Term], term: Term) -> Strengt
             of_code[d.unit] = code[d.use]
             for total, own in zip((power, score), _power_and_score(d, full, bare), strict=True):
                 np.add.at(total, of_code, own)
-    factor = _factors(power, score)
+    factor = factors_of(power, score)
     if factor is None:
         return None
     there = power > LEAST_POWER * power.sum()
@@ -92,8 +97,12 @@ def _power_and_score(d: ChannelData, full: State, bare: State) -> tuple[FloatArr
     return power, score
 
 
-def _factors(power: FloatArray, score: FloatArray) -> FloatArray | None:
-    """Factor of each unit, 1 for those in which the names hardly act; None where one lacks what it should have."""
+def factors_of(power: FloatArray, score: FloatArray) -> FloatArray | None:
+    """Factor of each unit, 1 for those in which names hardly act; None where one lacks what it should have.
+
+    Args:
+        power, score: squares of what names change in each unit, and its product with what they leave, whitened.
+    """
     there = power > LEAST_POWER * power.sum()
     factor = np.ones(power.shape)
     factor[there] += score[there] / power[there]

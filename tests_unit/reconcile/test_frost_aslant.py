@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.view import View
 from tests_unit.reconcile.test_frost_of_unrecorded_moisture import iced
 from tests_unit.reconcile.test_seldom_names import columns_of, grid
 
@@ -42,3 +44,10 @@ def test_frost_is_thicker_aslant():
     assert found.effect == "optics.window_frost"
     (slant,) = [p for p in found.parameters if p.name == "slant"]
     assert 0.4 < slant.value < 1.3
+
+
+def test_every_way_of_a_film_has_a_label_of_its_own():
+    """Candidates are kept by their labels: of two alike the search would forget one."""
+    ways = library()["optics.window_frost"].variants(View(cycle_of_a_wide_field(0.03)))
+    labels = [way.label for way in ways]
+    assert len(set(labels)) == len(labels)

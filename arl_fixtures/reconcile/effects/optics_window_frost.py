@@ -67,16 +67,14 @@ class WindowFrost(LightFactor):
                     rest = shape("melt", "1", 0.02, 50.0, 1.0), *_soak(record)
                     yield self._variant(view, {**options, "kind": "balance"}, (*_depths(unit, most), onset, *rest))
                     yield from self._from_moist_air(view, options)
-                    aslant = _aslant(view)
-                    if aslant:
-                        first = replace(onset, starts=onset.starts[:1])
-                        yield self._variant(
-                            view, {**options, "kind": "balance"}, (*_depths(unit, most), first, *rest, *aslant)
-                        )
+                    first = replace(onset, starts=onset.starts[:1])
+                    if float(_axis_cosine(view).min()) < _NARROW:
+                        slant = shape("slant", "1", 0.0, 2.0, 1.0)
+                        told = {**options, "kind": "balance", "aslant": True}
+                        yield self._variant(view, told, (*_depths(unit, most), first, *rest, slant))
                     jump = settles_at(view, column)
                     if jump is not None:
                         told = {**options, "settles_at": jump}
-                        first = replace(onset, starts=onset.starts[:1])
                         yield self._variant(view, {**told, "kind": "balance"}, (*_depths(unit, most), first, *rest))
                         yield from self._from_moist_air(view, told)
                     longest = record.interval * record.values.shape[1]
@@ -131,7 +129,7 @@ class WindowFrost(LightFactor):
             cold = np.maximum(onset - record.values, 0.0)
             film = on_rows(view, low_pass(cold, record.interval / float(values["lag"])))
         if "slant" in values:
-            film = film * field_cosine(view) ** -float(values["slant"])
+            film = film * _axis_cosine(view) ** -float(values["slant"])
         depth = float(values["depth"])
         if values["lean"] != 0.0:
             height = per_view(view, ("height", variant.options["upper"]), lambda: _height(variant, view))
@@ -157,7 +155,7 @@ class WindowFrost(LightFactor):
             film = f"F = max(onset - {column}, 0), delayed by lag"
         soaks = variant.options.get("settles_at")
         held = f"; {column} steps at {soaks} of the way from a step's rows to the next one's" if soaks else ""
-        aslant = " / cos(field angle)^slant" if any(p.name == "slant" for p in variant.parameters) else ""
+        aslant = " / cos(field angle)^slant" if "aslant" in variant.options else ""
         return f"{channel} *= exp(-(depth + lean * height) * F{aslant}); {film}{held}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
@@ -186,8 +184,8 @@ class WindowFrost(LightFactor):
 
 
 _COLDEST_C, _WARMEST_C = -20.0, 25.0
-_NARROW = 0.85
-"""Cosine of the outermost field angle from which on a film is as thick as in the middle."""
+_NARROW, _GRAZING = 0.85, 0.1
+"""Cosine of the outermost field angle from which on a film is as thick as in the middle, and the least one."""
 _COLD_START_C = 5.0
 """Temperature of its first row below which a record began when there may have been ice."""
 
@@ -200,11 +198,9 @@ def _depths(unit: str, film: float) -> tuple[Parameter, Parameter]:
     )
 
 
-def _aslant(view: View) -> tuple[Parameter, ...]:
-    """How much thicker the film is aslant, where the field is wide enough to tell."""
-    if float(field_cosine(view).min()) > _NARROW:
-        return ()
-    return (shape("slant", "1", 0.0, 2.0, 1.0),)
+def _axis_cosine(view: View) -> FloatArray:
+    """Cosine of every row's field angle; nobody looks through a window more aslant than `_GRAZING`."""
+    return per_view(view, "through the window", lambda: np.maximum(field_cosine(view), _GRAZING))
 
 
 def _vapour_hpa(temperature_c: FloatArray | float) -> FloatArray:
