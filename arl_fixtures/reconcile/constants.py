@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
-from scipy.special import expit
+from scipy.special import softmax
 
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
@@ -18,6 +19,8 @@ CONSTANT_Z = 3.5
 """Errors by which a constant must differ from nothing that no finding explains."""
 NAMED_ERRORS = 1.5
 """Errors that a constant beside a name must exceed: a name's law brings its own zero, an empirical one none."""
+PRIOR = (0.4, 0.2, 0.4)
+"""Of a simulation calibrated on these rows, of one on others with the same effect, and of one without the effect."""
 FITTED_ERRORS = 1.5
 """Rows' own errors of the mean within which a simulation agrees that was calibrated on these very rows."""
 
@@ -28,7 +31,8 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
     What a finding changes on average is in the measurement, too, unless a calibration took it away: there the
     constant belongs to the prediction as far as it exceeds its own error (1.5 times that beside a name), and as a
     whole as far as the simulation agrees with the rows' mean better than steps and images that differ by chance
-    would let it, which only a calibration on these rows does. Either way it is no larger than what the findings make
+    would let it, which only a calibration on these rows does; what the findings make of the mean is taken back as far
+    as it agrees better than with them. Either way it is no larger than what the findings make
     of the mean of some step: nothing else was there to be calibrated away, and a law's zero shifts no more. Beyond
     that, and elsewhere, it must be significant. Beside a law that is nil at an arbitrary place it is what rows say.
     """
@@ -48,8 +52,10 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
         values, errors = _shrunk(d, d.residual(state), sure) if acted else _plain(d, d.residual(state))
         if acted:
             reach = reach_of(d, d.residual(untouched) - d.residual(state))
-            share = fitted_share(d, d.residual(untouched), errors, reach)
-            values = share * _means(d, d.residual(state))[0] + (1.0 - share) * values
+            odds = calibrated(d, d.residual(untouched), d.residual(state), errors, reach)
+            beside, before = (_means(d, d.residual(of))[0] for of in (state, untouched))
+            never = 1.0 - odds.here - odds.elsewhere
+            values = odds.here * beside + odds.elsewhere * (beside - before) + never * values
             values = np.where(np.abs(values) > CONSTANT_Z * errors, values, np.clip(values, -reach, reach))
         found: dict[str, float] = {}
         for unit in range(d.units):
@@ -146,22 +152,45 @@ def reach_of(d: ChannelData, change: FloatArray) -> FloatArray:
     return np.asarray(np.max(np.abs(moved / np.maximum(power, 1e-300)).reshape(d.units, count), axis=1))
 
 
-def fitted_share(d: ChannelData, residual: FloatArray, errors: FloatArray, reach: FloatArray) -> float:
-    """Probability that the simulation was calibrated on these rows, one half where its agreement tells nothing.
+class Calibrated(NamedTuple):
+    """Probabilities that a simulation was calibrated on these very rows, and on others with the same effect."""
+
+    here: float
+    elsewhere: float
+
+
+def calibrated(
+    d: ChannelData, untouched: FloatArray, left: FloatArray, errors: FloatArray, reach: FloatArray
+) -> Calibrated:
+    """How the user's calibration dealt with what the findings make of the mean, told from both means.
+
+    Calibrated on these rows, the untouched simulation agrees with their mean as well as if they shared nothing;
+    calibrated on others, up to what steps are off by chance; never with the effect in it, the corrected simulation
+    does so, or each unit has a constant of its own that is about as large as what the findings make.
 
     Args:
-        d: the channel; residual: of the untouched simulation.
+        d: the channel; untouched, left: residuals of the simulation as it is and beside the findings.
         errors: of the units' constants, infinite where a single step tells no scatter of steps.
         reach: what the findings make of each unit's mean. Without a calibration it is in the mean as well, and a
             single step's own error would have to cancel it: that much at least the mean then is by chance.
     """
-    means, alone = _means(d, residual)
+    means, alone = _means(d, untouched)
+    beside, _ = _means(d, left)
     expected = np.where(np.isfinite(errors), errors, reach)
     told = expected > alone
+    means, beside, reach = means[told], beside[told], reach[told]
     fitted = FITTED_ERRORS * alone[told]
     chance = np.hypot(expected[told], fitted)
-    odds = 0.5 * means[told] ** 2 * (1.0 / fitted**2 - 1.0 / chance**2) - np.log(chance / fitted)
-    return float(expit(-np.sum(odds)))
+    wide = np.hypot(chance, reach)
+    never = np.logaddexp(_density(beside, chance), _density(beside, wide)) - np.log(2.0)
+    told_of = np.array([float(np.sum(x)) for x in (_density(means, fitted), _density(means, chance), never)])
+    here, elsewhere, _ = softmax(told_of + np.log(PRIOR))
+    return Calibrated(float(here), float(elsewhere))
+
+
+def _density(x: FloatArray, scatter: FloatArray) -> FloatArray:
+    """Logarithm of a normal density, but for a constant."""
+    return np.asarray(-0.5 * (x / scatter) ** 2 - np.log(scatter))
 
 
 def _shrunk(d: ChannelData, residual: FloatArray, sure: float) -> tuple[FloatArray, FloatArray]:

@@ -40,8 +40,9 @@ from arl_fixtures.reconcile.rivals import (
     share_beside,
 )
 from arl_fixtures.reconcile.roles import FIELD_COLUMNS, PIXEL, PIXEL_COLUMNS, Role
-from arl_fixtures.reconcile.search import Found, Search
+from arl_fixtures.reconcile.search import LEVEL_FURTHER, Found, Search
 from arl_fixtures.reconcile.shared_scatter import Scatter, find_scatter
+from arl_fixtures.reconcile.spots import spots_instead
 from arl_fixtures.reconcile.standing import Standing
 from arl_fixtures.reconcile.steadiness import is_unsteady
 from arl_fixtures.reconcile.terms import Term, forward
@@ -143,6 +144,8 @@ class Decision:
 
     def _add_patterns(self) -> None:
         found = find_patterns(self.problem, self.effects, self.best.terms)
+        if self._add_spots(found):
+            found = find_patterns(self.problem, self.effects, self.best.terms)
         for pattern in dead_first(self.problem, self.effects, self.best.terms, found)[:2]:
             calibration = is_calibration(self.problem, pattern, self.best.terms)
             shares = [share_beside(self.problem, self.best.terms, t) for t in self.best.terms
@@ -161,6 +164,20 @@ class Decision:
             if len(best.terms) < len(self.best.terms):  # it had the likeness of the pattern
                 self.best, self.patterns = best, []
                 self._add_patterns()
+
+    def _add_spots(self, patterns: Sequence[Pattern]) -> bool:
+        """Take spots in the place of the first pattern of gains, where they say as much; tells whether it did."""
+        pattern = next((p for p in patterns if p.is_dense), None)
+        if pattern is None or self.patterns or self.found.screening is None:
+            return False
+        threshold = self.found.screening.threshold(LEVEL_FURTHER)
+        spots = spots_instead(self.search, self.best, pattern, threshold)
+        if spots is None:
+            return False
+        self.problem.refit_scatter(spots.state, lost=float(len(spots.keys)))
+        self._keep(spots.terms)
+        self._look()
+        return True
 
     def _look(self) -> None:
         state = forward(self.terms, self.problem.view)

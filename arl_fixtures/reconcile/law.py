@@ -21,6 +21,8 @@ from arl_fixtures.reconcile.roles import unit_of
 Features = dict[str, FloatArray]
 LEAST_RATIO = 1e-3
 """Least value of a column, as a share of its middle, of which `log` and `inverse` are taken."""
+LEAST_SIDE = 0.05
+"""Share of a column's range that must lie on either side of nil for its sign to mean two directions."""
 NO_RATIO = frozenset({"°C", "deg"})
 """Units whose zero is a convention."""
 INTEGER_AXES = ("pixel_u", "pixel_v", "step", "cycle")
@@ -35,9 +37,9 @@ class Axis:
 
     Attributes:
         column: feature name (see `features_of`).
-        kind: `linear`, `ratio` (to the middle: nil at nil), `square`, `above`, `below` (hinges), `step`, `band` (1
-            between two edges, else 0), `exp`, `inverse`, `log`, `sin`, `cos`, `parity`, `is` (a category), `table`
-            (one value per bin), `curve` (straight lines between knots), `one`.
+        kind: `linear`, `ratio` (to the middle: nil at nil), `square`, `size` (without its sign), `above`, `below`
+            (hinges), `step`, `band` (1 between two edges, else 0), `exp`, `inverse`, `log`, `sin`, `cos`, `parity`,
+            `is` (a category), `table` (one value per bin), `curve` (straight lines between knots), `one`.
         middle, width: the ratio is (x − middle) / width.
         at: knot or period in the column's unit, or number of a category.
         label: category label of `is`; `OF_LABELS` of a table over a category, each of whose labels has a bin between
@@ -87,6 +89,7 @@ class Axis:
         c, m, w, a = self.column, f"{self.middle:.5g}", f"{self.width:.5g}", f"{self.at:.5g}"
         return {
             "one": "1", "ratio": f"{c}/{m}", "linear": f"({c} - {m})/{w}", "square": f"(({c} - {m})/{w})^2",
+            "size": f"|{c}|/{w}",
             "above": f"max({c} - {a}, 0)/{w}", "below": f"max({a} - {c}, 0)/{w}", "step": f"[{c} > {a}]",
             "exp": f"exp(3*({c} - {m})/{w})", "inverse": f"{m}/{c}", "log": f"ln({c}/{m})",
             "sin": f"sin(2*pi*{c}/{a})", "cos": f"cos(2*pi*{c}/{a})", "parity": f"(-1)^{c}",
@@ -179,6 +182,8 @@ def _function(kind: str, x: FloatArray, axis: Axis) -> FloatArray:
             return np.asarray(x / axis.middle)
         case "square":
             return np.asarray(ratio**2)
+        case "size":
+            return np.asarray(np.abs(x) / axis.width)
         case "above":
             return np.asarray(np.maximum(x - axis.at, 0.0) / axis.width)
         case "below":
@@ -241,6 +246,10 @@ def axes_of(name: str, values: FloatArray, labels: tuple[str, ...]) -> Iterator[
     if len(np.unique(finite)) < 3:
         return
     yield Axis(**base, kind="square")  # type: ignore[arg-type]  # as above
+    if unit_of(name) != "°C" and min(-low, high) > LEAST_SIDE * width:  # a rate, a slope, a way to either side
+        if abs(middle) > LEAST_SIDE * width:
+            yield Axis(column=name, kind="square", middle=0.0, width=width)
+        yield Axis(column=name, kind="size", middle=0.0, width=width)
     if low > LEAST_RATIO * middle and high > 1.3 * low:
         if unit_of(name) not in NO_RATIO:
             yield Axis(column=name, kind="ratio", middle=middle, width=width)

@@ -47,6 +47,8 @@ STEP_SHARES = (0.3, 0.1)
 START_GAIN = 3.0
 """Log-likelihood by which a further start must do better."""
 
+AS_WELL = 1.5
+"""Log-likelihood on unseen blocks by which a law fits as well as another one whose zero says less."""
 LAW_GAIN = 9.0
 """Log-likelihood that a law must gain on unseen blocks where nothing else tells of a mismatch."""
 LEAST_ROWS = 2.5
@@ -149,7 +151,8 @@ def _from_start(
             whole = Work(data, state, looker.features, tau, ALL_ROWS)
         known = [n for n in leading if n in work.features]  # a column may be empty where this channel has rows
         found = find_terms(work, pool_of(work, looker, known), whole)
-        found = completed(whole, sharpened(whole, narrowed(whole, found, _factors(work, looker, known))))
+        found = from_nil(whole, narrowed(whole, found, _factors(work, looker, known)))
+        found = completed(whole, sharpened(whole, found))
         if found.held < 1.05 * chosen.held or not found.terms:
             break
         law, chosen = law_of(found, data), found
@@ -194,6 +197,28 @@ def narrowed(work: Work, chosen: Chosen, factors: Sequence[Axis]) -> Chosen:
             if trial.beyond(best) > FURTHER_GAIN:
                 best = trial
         chosen = best
+    return chosen
+
+
+def from_nil(work: Work, chosen: Chosen) -> Chosen:
+    """Products of a line and of what is steady within steps with the line's own nil, where that fits as well.
+
+    What steps share hides where such a product is nil, and the middle of the rows is nowhere special: a path of no
+    length has no loss in air of any kind.
+    """
+    for place, term in enumerate(chosen.terms):
+        basis = term.basis
+        lines = [axis for axis in basis.axes if axis.kind == "linear" and not work.is_shared((axis.column,))]
+        others = tuple(axis for axis in basis.axes if axis not in lines)
+        if len(lines) != 1 or not others or basis.waves or not work.is_shared(tuple(a.column for a in others)):
+            continue
+        (line,) = lines
+        for ratio in axes_of(line.column, work.features[line.column], ()):
+            if ratio.kind == "ratio":
+                item = weighed(work, replace(basis, axes=(ratio, *others)), work.residual)
+                trial = joint(work, [*chosen.terms[:place], item, *chosen.terms[place + 1 :]])
+                if trial.held > chosen.held - AS_WELL:
+                    chosen = trial
     return chosen
 
 

@@ -48,6 +48,11 @@ class Pattern:
     z: float
     size: float
 
+    @property
+    def is_dense(self) -> bool:
+        """Whether each pixel has a value of its own, to either side."""
+        return any(p.per and p.low < (p.null or 0.0) < p.high for p in self.term.variant.parameters)
+
 
 def find_patterns(problem: Problem, effects: Sequence[Effect], terms: Sequence[Term]) -> list[Pattern]:
     """Patterns beside the given terms, the best first."""

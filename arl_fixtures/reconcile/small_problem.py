@@ -1,4 +1,4 @@
-"""The part of a large table that ranks candidates, and how it looks where steps are taken to share less."""
+"""The part of a large table that ranks candidates, and how it looks where steps or pixels are taken to share less."""
 
 from __future__ import annotations
 
@@ -52,5 +52,17 @@ def steps_alike(problem: Problem, state: State) -> Iterator[float]:
         d.rebuild({**tau, "step": max(STEP_SHARE * tau["step"], least)})
         handicap += before - d.likelihood(d.residual(state))
     yield handicap
+    for d, tau in kept:
+        d.rebuild(tau)
+
+
+@contextmanager
+def pixels_alike(problem: Problem) -> Iterator[None]:
+    """A problem whose pixels share no scatter of their own."""
+    kept = [(d, d.tau) for d in problem.data]
+    for d, tau in kept:
+        if tau.get("pixel", 0.0) > 0.0:
+            d.rebuild({**tau, "pixel": 0.0})
+    yield
     for d, tau in kept:
         d.rebuild(tau)

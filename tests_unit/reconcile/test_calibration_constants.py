@@ -4,7 +4,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from arl_fixtures.reconcile.constants import constants_of, fitted_share, reach_of
+from arl_fixtures.reconcile.constants import calibrated, constants_of, reach_of
 from arl_fixtures.reconcile.held_out import mean_square
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.reconcile import diagnose
@@ -93,7 +93,20 @@ def test_a_simulation_calibrated_on_these_rows_agrees_better_than_steps_let_it(f
     (channel,) = problem.data
     residual = channel.residual(problem.view.fresh_state())
     error = np.array([SHARED_M / np.sqrt(12.0)])
-    assert (fitted_share(channel, residual, error, np.zeros(1)) > 0.7) == fitted_here
+    assert (calibrated(channel, residual, residual, error, np.zeros(1)).here > 0.7) == fitted_here
+
+
+@pytest.mark.parametrize(("elsewhere", "seed"), [(True, 3), (True, 4), (False, 3), (False, 4)])
+def test_a_calibration_on_other_rows_took_the_effects_mean_away(elsewhere, seed):
+    """By four errors of the mean, which steps that are off by chance leave: it is in one of both means only."""
+    problem = Problem(columns_of(zone_table(seed, offset_m=0.0, steps=12, zones=1, rows=200)))
+    (channel,) = problem.data
+    error = np.array([SHARED_M / np.sqrt(12.0)])
+    chance = channel.residual(problem.view.fresh_state())
+    apart = 4.0 * error[0] * channel.scale
+    untouched, left = (chance, chance - apart) if elsewhere else (chance + apart, chance)
+    found = calibrated(channel, untouched, left, error, 4.0 * error)
+    assert (found.here + found.elsewhere > 0.7) == elsewhere
 
 
 @pytest.mark.parametrize("refitted", [True, False])

@@ -1,4 +1,4 @@
-"""A bad contact warms all that stands on it: a network of heat marched in time, read in two places, told once."""
+"""A bad contact warms all that stands on it: a network of heat marched in time, read in three places, told once."""
 
 import json
 
@@ -9,18 +9,27 @@ import pytest
 from arl_fixtures.reconcile.command import predict, reconcile
 
 DT = 5.0
+CHANNELS = {f"{name}_temperature_c" for name in ("housing", "tof", "fpga")}
+
+
+NODES = {"tof": (60.0, 2.0, 1.5), "fpga": (40.0, 9.0, 1.6)}
+"""Heat capacity in J/K, power in W and resistance to the housing in K/W of what stands on it."""
 
 
 def march(drive, contact_k_w):
-    """Housing (900 J/K, 12 W) on the plate, the die (60 J/K, 2 W) on the housing through 1.5 K/W."""
-    housing, die = np.empty((2, drive.size))
-    h, d = drive[0] + 14.0 * contact_k_w, drive[0] + 14.0 * contact_k_w + 3.0
+    """Housing (900 J/K, 3 W of its own) on the plate, two dies on the housing; all three over time."""
+    load = 3.0 + sum(power for _, power, _ in NODES.values())
+    housing = drive[0] + load * contact_k_w
+    dies = {name: housing + power * apart for name, (_, power, apart) in NODES.items()}
+    found = {name: np.empty(drive.size) for name in ("housing", *NODES)}
     for k, plate in enumerate(drive):
-        flow = (d - h) / 1.5
-        h += DT * ((plate - h) / contact_k_w + flow + 12.0) / 900.0
-        d += DT * (2.0 - flow) / 60.0
-        housing[k], die[k] = h, d
-    return housing, die
+        flow = {name: (dies[name] - housing) / apart for name, (_, _, apart) in NODES.items()}
+        housing += DT * ((plate - housing) / contact_k_w + sum(flow.values()) + 3.0) / 900.0
+        for name, (capacity, power, _) in NODES.items():
+            dies[name] += DT * (power - flow[name]) / capacity
+            found[name][k] = dies[name]
+        found["housing"][k] = housing
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +49,7 @@ def plant():
             "dut": np.full(rows.size, dut), "step": (rows // 240).astype(float), "time_s": DT * rows,
             "plate_temperature_c": drive[rows],
         }  # fmt: skip
-        for name, simulated, measured in zip(("housing", "tof"), sim, true, strict=True):
+        for name, simulated, measured in ((name, sim[name], true[name]) for name in sim):
             channel = f"{name}_temperature_c"
             part[f"sim_{channel}"] = simulated[rows]
             part[f"sim_{channel}_std"] = np.full(rows.size, 0.1)
@@ -54,11 +63,11 @@ def test_one_bad_contact_is_one_finding_that_mends_both(plant, save, tmp_path):
     reconcile(save(tmp_path / "t.parquet", {n: x[~held] for n, x in plant.items()}), tmp_path / "out")
     findings = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["findings"]
     assert [f["effect"] for f in findings] == ["thermal.contact_resistance"]
-    assert set(findings[0]["channels"]) == {"housing_temperature_c", "tof_temperature_c"}
-    assert findings[0]["where"] == {"dut": ["b"]}
+    assert set(findings[0]["channels"]) == CHANNELS
+    assert findings[0]["where"]["dut"] == ["b"]
     names = [p["name"] for p in findings[0]["law"]["parameters"]]
     assert len(set(names)) == len(names)
-    blind = {n: x[held] for n, x in plant.items() if n not in {"housing_temperature_c", "tof_temperature_c"}}
+    blind = {n: x[held] for n, x in plant.items() if n not in CHANNELS}
     predict(tmp_path / "out", save(tmp_path / "u.parquet", blind), tmp_path / "p.parquet")
     for channel in findings[0]["channels"]:
         corrected = pq.read_table(tmp_path / "p.parquet")[f"corrected_{channel}"].to_numpy()

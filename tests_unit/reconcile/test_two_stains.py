@@ -1,4 +1,4 @@
-"""Dirt lies where it falls: two stains on one window are two findings, one that is no ellipse is not."""
+"""Dirt lies where it falls: each stain of a window is a finding, one that is no ellipse is not two."""
 
 import numpy as np
 import pyarrow as pa
@@ -48,3 +48,40 @@ def test_two_stains_are_found_where_each_lies():
 
 def test_one_stain_is_one_finding():
     assert len(diagnose(line_scan(6, [(20.0, 9.0, 0.04)]), effects=RIVALS)[0].findings) == 1
+
+
+def image(seed, kept):
+    """56 pixels of an array in nine steps before a wall; `kept` is the share of light that each passes or tells."""
+    rng = np.random.default_rng(seed)
+    step, v, u = (x.ravel() for x in np.meshgrid(np.arange(9.0), [1.0, 11.0, 20.0, 30.0], np.arange(4.0, 125.0, 9.0),
+                                                 indexing="ij"))  # fmt: skip
+    light = 400.0 * rng.uniform(0.3, 1.0, step.size)
+    sigma = np.sqrt(36.0 + light)
+    shared = 1.0 + 0.003 * rng.normal(size=9)[step.astype(int)]
+    return columns_of(pa.table({
+        "step": step, "housing_temperature_c": 10.0 + 8.0 * step, "pixel_u": u, "pixel_v": v,
+        "true_range_m": 2.0 + light / 400.0, "n_frames": np.full(step.size, 50.0),
+        "sim_intensity_counts": light, "sim_intensity_counts_std": sigma,
+        "sim_intensity_counts_repeat_std": 0.003 * light,
+        "intensity_counts": light * kept(u, v) * shared + sigma / np.sqrt(50.0) * rng.normal(size=step.size),
+    }))  # fmt: skip
+
+
+def blots(u, v):
+    """Drops that scatter light out of the beam on its way out and back, thick in the middle."""
+    places = (92.0, 9.0), (27.0, 21.0), (60.0, 27.0)
+    return np.exp(-sum(0.03 * np.exp(-(((u - x) / 11.0) ** 2) - ((v - y) / 6.0) ** 2) for x, y in places))
+
+
+def test_stains_of_an_array_are_no_pattern_of_its_pixels():
+    """One of them alone leaves the pixels as unlike as they were."""
+    found = diagnose(image(7, blots))[0].findings
+    assert [f.effect for f in found] == ["optics.window_contamination"] * 3
+    centres = sorted(p.value for f in found for p in f.parameters if p.name == "centre_u")
+    assert centres == pytest.approx([27.0, 60.0, 92.0], abs=4.0)
+
+
+def test_unlike_pixels_are_no_stains():
+    gains = np.random.default_rng(3).normal(1.0, 0.02, (31, 128))
+    found = diagnose(image(8, lambda u, v: gains[v.astype(int), u.astype(int)]))[0].findings
+    assert [f.effect for f in found] == ["detector.pixel_response"]
