@@ -220,7 +220,7 @@ def point_elsewhere(
         beam_turns: whether the illumination goes with the ray (a turned sensor) or stays (a changed lens).
     """
     moves = (0.0, 0.0) if beam_turns else (turn, lift)
-    _set_seen(view, state, _changes(view, turn, lift), *moves)
+    _set_seen(view, state, changes_elsewhere(view, turn, lift), *moves)
 
 
 def look_from(view: View, state: State, forward: FloatArray | float, right: FloatArray | float) -> bool:
@@ -251,7 +251,7 @@ def spread_rays(view: View, state: State, turn: FloatArray, lift: FloatArray) ->
     channel = next(iter(signals(view)), "")
     for sign in (-1.0, 1.0):
         for far_turn, far_lift in ((sign * np.sqrt(3.0) * turn, 0.0), (0.0, sign * np.sqrt(3.0) * lift)):
-            changes = _changes(view, far_turn, far_lift)
+            changes = changes_elsewhere(view, far_turn, far_lift)
             ratio = changes.get(channel, np.ones(view.n))
             ratio = np.clip(np.where(np.isfinite(ratio), ratio, 1.0), 0.01, 100.0) / 6.0
             light = light + ratio
@@ -281,7 +281,7 @@ def _set_seen(
         set_light(view, state, name, state[name] * np.clip(np.where(np.isfinite(ratio), ratio, 1.0), 0.01, 100.0))
 
 
-def _changes(view: View, turn: FloatArray | float, lift: FloatArray | float) -> dict[str, FloatArray]:
+def changes_elsewhere(view: View, turn: FloatArray | float, lift: FloatArray | float) -> dict[str, FloatArray]:
     """Ratio of each signal and difference of each distance between the turned ray and the row's own."""
     found = scene(view)
     if found is None or not found.curves:

@@ -1,11 +1,14 @@
 """Pixels that leak into each other where the table holds none of their neighbours, against a bench traced here."""
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from traced_bench import LIGHT, table, trace
+from upright_boards import COLUMNS, F_PX, ROWS, seen
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.effects_bench import bench_of
+from arl_fixtures.reconcile.table import columns_of
 from arl_fixtures.reconcile.view import View
 
 
@@ -39,3 +42,36 @@ def test_what_a_pixel_gets_from_neighbours_outside_the_table(direction, across):
     )
     said = state[LIGHT] - before
     assert np.sqrt(np.mean((said - leaked) ** 2)) < 0.05 * np.sqrt(np.mean(leaked**2))
+
+
+def test_a_swept_scene_tells_what_neighbours_outside_the_table_see():
+    """A camera that is no bench of ours, every fourth column of it; a neighbour's whole pulse leaks."""
+    u, v, stage = (
+        x.ravel()
+        for x in np.meshgrid(
+            np.arange(1.0, COLUMNS - 1, 4.0), np.arange(ROWS), np.arange(-28.0, 28.5, 0.9), indexing="ij"
+        )
+    )
+    light, far = seen(u, v, stage)
+    share, moment, total = 0.02, far * light * (1.0 - 2 * 0.02), light * (1.0 - 2 * 0.02)
+    for du in (-1.0, 1.0):
+        other, there = seen(u + du, v, stage)
+        total, moment = total + share * other, moment + share * other * there
+    columns = columns_of(pa.table({
+        "pixel_u": u, "pixel_v": v, "stage_angle_deg": stage, "step": np.zeros(u.size),
+        "azimuth_deg": np.degrees(np.arctan((u - (COLUMNS - 1) / 2) / F_PX)),
+        "elevation_deg": np.degrees(np.arctan(((ROWS - 1) / 2 - v) / np.hypot(F_PX, u - (COLUMNS - 1) / 2))),
+        "sim_intensity_counts": 1000.0 * light, "sim_intensity_counts_std": np.full(u.size, 5.0),
+        "intensity_counts": 1000.0 * total, "sim_distance_m": far, "sim_distance_m_std": np.full(u.size, 0.01),
+        "distance_m": moment / total,
+    }))  # fmt: skip
+    view = View(columns)
+    assert bench_of(view) is None
+    effect = library()["detector.crosstalk"]
+    options = {"direction": "rows", "leaks": "pulse"}
+    variant = next(v for v in effect.variants(view) if options.items() <= v.options.items())
+    state = view.fresh_state()
+    effect.apply(variant, {"share": share}, state, view)
+    for name, truth in ((LIGHT, 1000.0 * total), ("distance_m", moment / total)):
+        wanted = truth - view.sim[name]
+        assert np.sqrt(np.mean((state[name] - truth) ** 2)) < 0.2 * np.sqrt(np.mean(wanted**2))

@@ -8,7 +8,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
-from arl_fixtures.reconcile.effects_common import shape
+from arl_fixtures.reconcile.effects_beside import seen_beside
+from arl_fixtures.reconcile.effects_common import FloatArray, per_view, shape
 from arl_fixtures.reconcile.effects_frame import ranged_by
 from arl_fixtures.reconcile.effects_render import pixel_beside
 from arl_fixtures.reconcile.roles import Role
@@ -65,9 +66,7 @@ class Crosstalk(Effect):
         moments = {distance: np.zeros(view.n) for distance in far}
         for du, dv in shifts:
             other = view.neighbour(state, channel, du=du, dv=dv)
-            unseen = (
-                pixel_beside(view, du, dv) if np.isnan(other).any() else None
-            )  # of a table that holds some pixels
+            unseen = _unseen(view, du, dv) if np.isnan(other).any() else None  # of a table that holds some pixels
             if unseen is not None:
                 other = np.where(np.isnan(other), own * unseen[0], other)
             part = float(values["across"]) if dv and "across" in values else 1.0
@@ -115,3 +114,13 @@ class Crosstalk(Effect):
             "pixel's "
             "direct neighbours, blur of the optics changes with the focus, glare reaches far."
         )
+
+
+def _unseen(view: View, du: int, dv: int) -> tuple[FloatArray, FloatArray] | None:
+    """Light and range of a neighbour that the table lacks: as the known bench, else as the swept scene shows it."""
+
+    def look() -> tuple[FloatArray, FloatArray] | None:
+        rendered = pixel_beside(view, du, dv)
+        return seen_beside(view, du, dv) if rendered is None else rendered
+
+    return per_view(view, ("beside", du, dv), look)
