@@ -52,10 +52,11 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
         values, errors = _shrunk(d, d.residual(state), sure) if acted else _plain(d, d.residual(state))
         if acted:
             reach = reach_of(d, d.residual(untouched) - d.residual(state))
-            odds = calibrated(d, d.residual(untouched), d.residual(state), errors, reach)
-            beside, before = (_means(d, d.residual(of))[0] for of in (state, untouched))
-            never = 1.0 - odds.here - odds.elsewhere
-            values = odds.here * beside + odds.elsewhere * (beside - before) + never * values
+            if d.second is None:  # else the zero took the mean along
+                odds = calibrated(d, d.residual(untouched), d.residual(state), errors, reach, floats=sure == 0.0)
+                beside, before = (_means(d, d.residual(of))[0] for of in (state, untouched))
+                never = 1.0 - odds.here - odds.elsewhere
+                values = odds.here * beside + odds.elsewhere * (beside - before) + never * values
             values = np.where(np.abs(values) > CONSTANT_Z * errors, values, np.clip(values, -reach, reach))
         found: dict[str, float] = {}
         for unit in range(d.units):
@@ -160,13 +161,15 @@ class Calibrated(NamedTuple):
 
 
 def calibrated(
-    d: ChannelData, untouched: FloatArray, left: FloatArray, errors: FloatArray, reach: FloatArray
-) -> Calibrated:
+    d: ChannelData, untouched: FloatArray, left: FloatArray, errors: FloatArray, reach: FloatArray,
+    *, floats: bool = False,
+) -> Calibrated:  # fmt: skip
     """How the user's calibration dealt with what the findings make of the mean, told from both means.
 
     Calibrated on these rows, the untouched simulation agrees with their mean as well as if they shared nothing;
     calibrated on others, up to what steps are off by chance; never with the effect in it, the corrected simulation
-    does so, or each unit has a constant of its own that is about as large as what the findings make.
+    does so, or each unit has a constant of its own that is about as large as what the findings make. A law that is
+    nil at an arbitrary place (`floats`) leaves such a constant by itself.
 
     Args:
         d: the channel; untouched, left: residuals of the simulation as it is and beside the findings.
@@ -176,14 +179,16 @@ def calibrated(
     """
     means, alone = _means(d, untouched)
     beside, _ = _means(d, left)
-    expected = np.where(np.isfinite(errors), errors, reach)
-    told = expected > alone
-    means, beside, reach = means[told], beside[told], reach[told]
-    fitted = FITTED_ERRORS * alone[told]
-    chance = np.hypot(expected[told], fitted)
+    expected = np.maximum(np.where(np.isfinite(errors), errors, reach), alone)
+    fitted = FITTED_ERRORS * alone
+    chance = np.hypot(expected, fitted)
     wide = np.hypot(chance, reach)
     never = np.logaddexp(_density(beside, chance), _density(beside, wide)) - np.log(2.0)
+    if floats:
+        never = _density(means, wide)
     told_of = np.array([float(np.sum(x)) for x in (_density(means, fitted), _density(means, chance), never)])
+    if not np.all(np.isfinite(errors)):  # what one step is off by says nothing of others
+        told_of[1] = -np.inf
     here, elsewhere, _ = softmax(told_of + np.log(PRIOR))
     return Calibrated(float(here), float(elsewhere))
 

@@ -7,7 +7,7 @@ import numpy as np
 from arl_fixtures.reconcile.effects_common import FloatArray, distances, per_table, signals
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illumination, log_profile
 from arl_fixtures.reconcile.effects_pointing import changes_elsewhere
-from arl_fixtures.reconcile.effects_scene import pixel_width, scene
+from arl_fixtures.reconcile.effects_scene import gap_of, pixel_width, scene
 from arl_fixtures.reconcile.view import View
 
 
@@ -15,10 +15,12 @@ def seen_beside(view: View, du: int, dv: int) -> tuple[FloatArray, FloatArray] |
     """Light of the pixel `du` columns and `dv` rows further in units of the row's own, and how much farther it sees.
 
     From the scene that a sweep shows finer than its pixels; which way columns and rows run does not matter to what
-    asks for both sides. None where no sweep tells.
+    asks for both sides. None where a sweep shows nothing finer.
     """
     found = scene(view)
     if found is None or not all(map(view.varies, ("stage_angle_deg", "azimuth_deg", "pixel_u"))):
+        return None
+    if not per_table(view, "sees pixels", lambda: gap_of(found.line, found.bearing) < np.median(pixel_width(view))):
         return None
     turn, lift = du * pixel_width(view)[view.rows], dv * _pixel_height(view)
     changes = changes_elsewhere(view, turn, lift)

@@ -248,14 +248,14 @@ def _lines(view: View, bearing: FloatArray) -> IntArray:
         for width in _BLOCKS:
             if width < float(column.max()):
                 line = both(row, (column // width).astype(np.int64))
-                if _gap(line, bearing) < close:
+                if gap_of(line, bearing) < close:
                     return line
-    if _gap(row, bearing) < whole or "pixel_v" not in table.numbers:
+    if gap_of(row, bearing) < whole or "pixel_v" not in table.numbers:
         return row
     height = np.nan_to_num(table.numbers["pixel_v"] - np.nanmin(table.numbers["pixel_v"]))
     for width in (4, 8):
         line = both(device, (height // width).astype(np.int64))
-        if _gap(line, bearing) < 2.5 * close:
+        if gap_of(line, bearing) < 2.5 * close:
             return line
     return device
 
@@ -270,7 +270,7 @@ def pixel_width(view: View) -> FloatArray:
     return np.asarray(np.abs(slope)[index])
 
 
-def _gap(line: IntArray, bearing: FloatArray) -> float:
+def gap_of(line: IntArray, bearing: FloatArray) -> float:
     """Bearing between samples of one curve that nine in ten gaps stay below, degrees."""
     order = np.lexsort((bearing, line))
     gaps = np.diff(bearing[order])[np.diff(line[order]) == 0]

@@ -64,7 +64,7 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
         if ranked.gain < least and not apart:
             return True
         small = ranked.gain < MISFIT_SHARE * gains.get(index, 0.0)
-        if small and not alike and mends_shape(problem, ranked.fit.terms, term):
+        if small and not alike and mends_shape(problem, ranked.fit.terms, ranked.fit.terms[index]):
             return True
     return False
 

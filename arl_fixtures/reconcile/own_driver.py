@@ -7,7 +7,7 @@ it says the same of all rows, and whatever its shape should be, it leaves the di
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -23,7 +23,8 @@ CELLS, FEWEST_IN_CELL = 12, 4
 OWN_SHARE, OWN_GAIN = 0.2, 6.0
 """Share of a further effect's gain that must lie within cells of an earlier one's drivers, and how much: of a change
 that grows from none with a driver of its own more than half is the same in all cells."""
-
+MAIN_SHARE = 0.2
+"""Share of what an effect moves from which a channel is one that it acts in, not one that it touches."""
 
 _PARTS = {
     "laser": ("laser", "diode", "heatsink", "sink", "emitter", "vcsel"),
@@ -92,13 +93,28 @@ def mends_shape(problem: Problem, terms: Sequence[Term], term: Term) -> bool:
     cell = cells_of(problem.view, term.variant.drivers[:1])
     if cell is None:
         return False
+    main = _mainly_in(problem, terms, term)
     whole, own = _gains(problem, terms, cell)
-    return own < OWN_SHARE * whole
+    there, _ = _gains(problem, terms, cell, channels=main)
+    return there > 0.5 * whole and own < OWN_SHARE * whole
+
+
+def _mainly_in(problem: Problem, terms: Sequence[Term], term: Term) -> set[str]:
+    """Channels that an earlier term moves for a good part: what it does to others on the side has hardly a shape."""
+    before = forward(terms[:-1], problem.view)
+    rest = forward([t for t in terms[:-1] if t is not term], problem.view)
+    energy = {}
+    for d in problem.data:
+        name = d.channel.name
+        change = d.whiten(d.expect * (before[name] - rest[name])[d.use]) if before[name] is not rest[name] else None
+        energy[name] = 0.0 if change is None else float(change @ change)
+    return {name for name, found in energy.items() if found > MAIN_SHARE * sum(energy.values())}
 
 
 def _gains(
-    problem: Problem, terms: Sequence[Term], cell: IntArray, *, beside: Term | None = None
-) -> tuple[float, float]:
+    problem: Problem, terms: Sequence[Term], cell: IntArray, *, beside: Term | None = None,
+    channels: Collection[str] | None = None,
+) -> tuple[float, float]:  # fmt: skip
     """Log-likelihood that the last of the terms gains, and what it gains within cells or beside a term free there."""
     view = problem.view
     before, after = forward(terms[:-1], view), forward(terms, view)
@@ -106,7 +122,7 @@ def _gains(
     whole = own = 0.0
     for d in problem.data:
         name = d.channel.name
-        if after[name] is before[name]:
+        if after[name] is before[name] or (channels is not None and name not in channels):
             continue
         change = d.whiten(d.expect * (after[name] - before[name])[d.use])
         left = d.whiten(d.residual(before))

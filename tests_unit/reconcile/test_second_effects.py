@@ -2,6 +2,7 @@
 
 import numpy as np
 import pyarrow as pa
+from upright_boards import BOARDS, COLUMNS, F_PX, ROWS, seen
 
 from arl_fixtures.reconcile.acceptance import TWIN_GAIN
 from arl_fixtures.reconcile.catalogue import library
@@ -100,3 +101,46 @@ def test_a_round_fits_every_variant_of_the_effect_that_it_chooses(make_table):
     if not stage.chosen.candidate.term.unit:
         assert {r.candidate.term.label for r in stage.ranked} >= set(promising[:POLISHED])
     assert stage.chosen.gain >= max(r.gain for r in stage.ranked) - 2.0 * TWIN_GAIN
+
+
+def board_at(bearing):
+    """Number of the board that a ray meets, −1 for the wall."""
+    met = np.full(bearing.size, -1)
+    for number, (middle, half, _, _) in enumerate(BOARDS):
+        met[np.abs(bearing - middle) < half] = number
+    return met
+
+
+def boards(seed, whiter, stretch):
+    """Boards before a wall from fifteen stage angles: the last one is whiter than thought, all ranges are longer."""
+    rng = np.random.default_rng(seed)
+    step, stage, v, u = (
+        x.ravel()
+        for x in np.meshgrid(np.arange(4), np.arange(-28.0, 28.5, 4.3), np.arange(ROWS), np.arange(1.0, 29.0, 4.0),
+                             indexing="ij")
+    )  # fmt: skip
+    light, far = seen(u, v, stage)
+    middle, half, level, white = BOARDS[-1]
+    true, there = seen(u, v, stage, boards=(*BOARDS[:-1], (middle, half, level, white * (1.0 + whiter))))
+    x = u - (COLUMNS - 1) / 2
+    left, own, right = (board_at(np.degrees(np.arctan((x + at) / F_PX)) + stage) for at in (-0.5, 0.0, 0.5))
+    gain, off = 1.0 + 0.003 * rng.normal(size=4)[step], 0.001 * rng.normal(size=4)[step]
+    return columns_of(pa.table({
+        "step": step, "housing_temperature_c": 10.0 + 15.0 * step, "pixel_u": u, "pixel_v": v,
+        "stage_angle_deg": stage, "azimuth_deg": np.degrees(np.arctan(x / F_PX)),
+        "elevation_deg": np.degrees(np.arctan(((ROWS - 1) / 2 - v) / np.hypot(F_PX, x))),
+        "surface": np.array(["wall", "a", "b", "c", "d"])[own + 1], "mixed": (left != own) | (right != own),
+        "sim_intensity_counts": 1e3 * light, "sim_intensity_counts_std": 8.0 * light,
+        "sim_intensity_counts_repeat_std": 3.0 * light,
+        "intensity_counts": 1e3 * true * gain + 8.0 * light * rng.normal(size=u.size),
+        "sim_distance_m": far, "sim_distance_m_std": np.full(u.size, 0.002),
+        "sim_distance_m_repeat_std": np.full(u.size, 0.001),
+        "distance_m": there * (1.0 + stretch) + off + 0.002 * rng.normal(size=u.size),
+    }))  # fmt: skip
+
+
+def test_what_all_ranges_show_is_no_mend_of_one_whiter_board():
+    """The board moves ranges too, of the few pixels that see its edges; surfaces differ in range, so most of a scale
+    lies between them."""
+    findings = diagnose(boards(3, 0.04, 1.6e-3))[0].findings
+    assert [f.effect for f in findings] == ["target.reflectance_error", "timing.clock_scale"]

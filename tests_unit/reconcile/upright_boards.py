@@ -7,7 +7,7 @@ BOARDS = ((-34.0, 9.0, 1.4, 0.7), (-12.0, 5.0, 1.1, 0.3), (6.0, 8.0, 1.3, 0.5), 
 """Bearing of the middle and half width, degrees; distance, metres; reflectance."""
 
 
-def seen(u, v, stage, *, roll=0.0):
+def seen(u, v, stage, *, roll=0.0, boards=BOARDS):
     """Light and range of pixels of a pinhole camera, 101 rays across each, on upright boards before a round wall."""
     light, moment = np.zeros(u.size), np.zeros(u.size)
     c, s = np.cos(np.radians(roll)), np.sin(np.radians(roll))
@@ -16,7 +16,7 @@ def seen(u, v, stage, *, roll=0.0):
         x, y = c * x + s * y, c * y - s * x
         bearing, rise = np.degrees(np.arctan(x)) + stage, np.cos(np.arctan2(y, np.hypot(1.0, x)))
         level, paint = np.full(u.size, 1.8), np.full(u.size, 0.35)
-        for middle, half, far, white in BOARDS:
+        for middle, half, far, white in boards:
             on = np.abs(bearing - middle) < half
             level, paint = np.where(on, far, level), np.where(on, white, paint)
         one = paint * rise**3 / level**2
