@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import softmax
 
 from arl_fixtures.reconcile.channel_data import ChannelData
-from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.decide import Decision
 from arl_fixtures.reconcile.model_file import unit_keys
 from arl_fixtures.reconcile.noise import Level
@@ -71,7 +71,8 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
 def zeros_of(decision: Decision, constants: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
     """Zero of each unit's signal that the user's calibration fitted to a recording with an effect in it.
 
-    It is what the rows' mean leaves beside the findings and the gains in `constants`; left out where it is none.
+    It is what the rows' mean leaves beside the findings and the gains in `constants`; left out where it is none. A
+    mean that the untouched simulation does not have, either, was not fitted here: then steps share errors in it.
     """
     problem, state = decision.problem, decision.final_state()
     untouched = problem.view.fresh_state()
@@ -95,11 +96,24 @@ def zeros_of(decision: Decision, constants: Mapping[str, Mapping[str, float]]) -
             key = keys[code[d.use[rows[0]]]]
             left = d.residual(state)[rows] - d.scale[rows] * gains.get(key, 0.0)
             zero, error = float(np.average(left, weights=weight[rows])), float(1.0 / np.sqrt(weight[rows].sum()))
+            before = float(np.average(d.residual(untouched)[rows], weights=weight[rows]))
+            if abs(before) > CONSTANT_Z * error:
+                error = max(error, _error_by_steps(d, left - zero, rows))
             if abs(zero) > CONSTANT_Z * error:
                 found[key] = zero
         if found:
             result[name] = found
     return result
+
+
+def _error_by_steps(d: ChannelData, apart: FloatArray, rows: IntArray) -> float:
+    """Error of a mean of rows whose steps share theirs, told from these; none of a single step."""
+    step = next((level for level in d.levels if level.name == "step"), None)
+    if step is None:
+        return 0.0
+    weight = d.root_weight[rows] ** 2
+    sums = np.bincount(step.code[rows], weight * apart)
+    return float(np.sqrt(np.sum(sums**2)) / np.sum(weight))
 
 
 def of_unseen(decision: Decision, constants: Mapping[str, Mapping[str, float]]) -> tuple[list[str], dict[str, float]]:

@@ -1,10 +1,12 @@
 """Constants per zone beside errors that all zones of a step share, against dense generalised least squares."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pyarrow as pa
 import pytest
 
-from arl_fixtures.reconcile.constants import calibrated, constants_of, reach_of
+from arl_fixtures.reconcile.constants import calibrated, constants_of, reach_of, zeros_of
 from arl_fixtures.reconcile.held_out import mean_square
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.reconcile import diagnose
@@ -175,3 +177,29 @@ def test_a_constant_reaches_as_far_as_the_mean_change_of_a_step():
     pattern = 2e-3 * np.where(place % 2 == 1, 1.0, -1.0)
     assert reach_of(channel, pattern) == pytest.approx([0.0], abs=1e-9)
     assert reach_of(channel, pattern - 4e-4 * (step == 3)) == pytest.approx([4e-4])
+
+
+@pytest.mark.parametrize("fitted_here", [True, False])
+def test_a_mean_that_unlike_steps_leave_is_no_fitted_zero(fitted_here):
+    """Eight steps whose gains differ by half a percent; what a finding adds only a fit on these rows takes back."""
+    rng = np.random.default_rng(12)
+    step = np.repeat(np.arange(8), 200)
+    light = rng.uniform(80.0, 2500.0, step.size)
+    sigma = 5.0 + 0.004 * light
+    seen = light * (1.0 + 0.005 * rng.normal(size=8)[step]) + sigma * rng.normal(size=step.size)
+    truth = light + 2.0 * (light < 1500.0)
+    seen = seen + truth - light
+    zero = np.average(seen - light, weights=sigma**-2.0) if fitted_here else 0.0
+    problem = Problem(columns_of(pa.table({
+        "step": step, "sim_intensity_counts": light + zero, "sim_intensity_counts_std": sigma,
+        "sim_intensity_counts_repeat_std": 0.005 * light, "intensity_counts": seen,
+    })))  # fmt: skip
+    problem.data[0].free_zero()
+    state = problem.view.fresh_state()
+    corrected = {**state, "intensity_counts": state["intensity_counts"] + truth - light}
+    found = zeros_of(SimpleNamespace(problem=problem, final_state=lambda: corrected), {})
+    if fitted_here:
+        mean = np.average(truth - light, weights=sigma**-2.0)
+        assert found["intensity_counts"][""] == pytest.approx(-mean, rel=0.2)
+    else:
+        assert found == {}
