@@ -81,6 +81,7 @@ class Decision:
         self.scatters: list[Scatter] = []
         self.fallen: dict[str, Law] = {}
         self.refused: set[str] = set()
+        self.asked_for_spots = False
         self.after = dict(found.after)
         self.standing = Standing(self)
 
@@ -168,8 +169,9 @@ class Decision:
     def _add_spots(self, patterns: Sequence[Pattern]) -> bool:
         """Take spots in the place of the first pattern of gains, where they say as much; tells whether it did."""
         pattern = next((p for p in patterns if p.is_dense), None)
-        if pattern is None or self.patterns or self.found.screening is None:
+        if pattern is None or self.patterns or self.found.screening is None or self.asked_for_spots:
             return False
+        self.asked_for_spots = True  # those that fell would come back as long as the pattern stands
         threshold = self.found.screening.threshold(LEVEL_FURTHER)
         spots = spots_instead(self.search, self.best, pattern, threshold)
         if spots is None:

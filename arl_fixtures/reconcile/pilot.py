@@ -176,7 +176,8 @@ class Looker:
         if np.mean(wild) > MOST_ALONE:
             wild = np.zeros_like(wild)
         data.trust = np.where(wild, (TAIL_Z / np.maximum(alone, TAIL_Z)) ** 2, 1.0)
-        beyond = np.minimum(alone, distance_beside(z / data.spread, kin)) if lacks else np.abs(z) / data.spread
+        # what rows of a kind are off by alike is no tail, either
+        beyond = np.minimum(alone, distance_beside(z / data.spread, kin)) if lacks else alone
         beyond = np.where(wild | chance, 0.0, beyond)
         if np.mean(beyond > 4.0) > TAIL_SHARE:
             far = np.minimum(1.0, FAR_Z / np.maximum(beyond, 1e-9))

@@ -83,3 +83,23 @@ def test_what_an_image_shares_it_shares_with_nearly_all_of_its_rows():
     alone = distance_alone(z, Kin(images=[image]))
     assert alone[image == 3].max() < 5.0
     assert alone[np.flatnonzero(image == 6)[:5]].min() > 300.0
+
+
+def test_light_that_comes_again_at_two_angles_is_no_tail(make_table):
+    """Another sensor shines into one of three at two of seven stage angles, the same in every step."""
+
+    def stray(columns, _rng):
+        seen = (columns["dut"] == "S1") & (np.abs(columns["stage_angle_deg"] - 4.0) < 5.0)
+        columns["intensity_counts"] += 60.0 * seen
+
+    columns = columns_of(pa.table(make_table(5, stray, duts=3, steps=5)))
+    problem = Problem(columns)
+    d = next(d for d in problem.data if d.channel.name == "intensity_counts")
+    Looker(problem).calibrate(d, problem.view.fresh_state())
+    code, labels = problem.view.codes("dut")
+    at = problem.view.number("stage_angle_deg")[d.use]
+    hit = (np.asarray(labels)[code][d.use] == "S1") & (np.abs(at - 4.0) < 5.0)
+    assert np.mean(d.trust[hit]) > 0.9
+    findings = diagnose(columns)[0].findings
+    assert [f.effect for f in findings] == ["unknown"]
+    assert set(findings[0].drivers[:2]) == {"stage_angle_deg", "dut"}
