@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.boosting import Binned, Ceiling, bin_columns, ceiling
 from arl_fixtures.reconcile.channel_data import ChannelData
@@ -30,10 +31,14 @@ from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import BEARING_SIGNS, PIXEL, Role
 from arl_fixtures.reconcile.stated import by_chance
 
+BoolArray = NDArray[np.bool_]
+
 MOST_ROWS = 12_000
 TAIL_Z = 2.5
 FAR_Z = 20.0
 """Standard errors beyond which a row is no tail of any noise: it counts the less, the farther it lies."""
+FAR_IMAGE = 4.0
+"""Median of the standard errors by which rows of a stage angle are off, from which all of it is."""
 MISFIT = 2.0
 """Scatter about what the model leaves, in that of rows about those beside them, from which it is the model's."""
 TAIL_SPREAD = 1.1
@@ -156,6 +161,7 @@ class Looker:
             quantities, step = noise_quantities(view, data.use), self.problem.groups.step[rows]
             data.stated = estimated_error(left * data.scale, frames, quantities, step, data.scale)
         z = left * data.scale / data.stated
+        whole = self._in_whole_images(data, z)
         for level in data.levels:
             count = np.bincount(level.code, minlength=level.count)
             if np.median(count[count > 0]) >= 4:
@@ -176,8 +182,8 @@ class Looker:
         if np.mean(wild) > MOST_ALONE:
             wild = np.zeros_like(wild)
         data.trust = np.where(wild, (TAIL_Z / np.maximum(alone, TAIL_Z)) ** 2, 1.0)
-        # what rows of a kind are off by alike is no tail, either
-        beyond = np.minimum(alone, distance_beside(z / data.spread, kin)) if lacks else alone
+        beyond = np.minimum(alone, distance_beside(z / data.spread, kin)) if lacks else np.abs(z) / data.spread
+        beyond = np.where(whole, np.minimum(alone, beyond), beyond)
         beyond = np.where(wild | chance, 0.0, beyond)
         if np.mean(beyond > 4.0) > TAIL_SHARE:
             far = np.minimum(1.0, FAR_Z / np.maximum(beyond, 1e-9))
@@ -185,6 +191,15 @@ class Looker:
             # rows held back still scatter more than their weight says: a sum over many would pass for shared error
             excess = float(np.mean((data.trust * beyond) ** 2) / np.mean(data.trust))
             data.spread *= np.sqrt(max(excess, 1.0))
+
+
+    def _in_whole_images(self, data: ChannelData, z: FloatArray) -> BoolArray:
+        """Rows of stage angles (of a device) at which most rows are far off: no tails, and no edges."""
+        code = self.problem.groups.angle
+        if code is None:
+            return np.zeros(len(z), dtype=bool)
+        here = np.unique(code[self.problem.view.rows[data.use]], return_inverse=True)[1].astype(np.int64)
+        return np.asarray(group_median(here, np.abs(z), int(here.max()) + 1)[here] > FAR_IMAGE)
 
 
 def _shared(level: Level, z: FloatArray, shape: FloatArray) -> FloatArray:
