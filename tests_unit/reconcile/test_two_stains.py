@@ -5,6 +5,7 @@ import pyarrow as pa
 import pytest
 
 from arl_fixtures.reconcile.catalogue import library
+from arl_fixtures.reconcile.patterns import find_patterns
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
 
@@ -85,3 +86,12 @@ def test_unlike_pixels_are_no_stains():
     gains = np.random.default_rng(3).normal(1.0, 0.02, (31, 128))
     found = diagnose(image(8, lambda u, v: gains[v.astype(int), u.astype(int)]))[0].findings
     assert [f.effect for f in found] == ["detector.pixel_response"]
+
+
+def test_stains_that_fell_are_not_asked_for_again():
+    """They would come back, and fall again, as long as the pattern that they stand for is there."""
+    _, _, decision = diagnose(image(7, blots))
+    decision._keep(())
+    patterns = find_patterns(decision.problem, decision.effects, ())
+    assert any(pattern.is_dense for pattern in patterns)
+    assert not decision._add_spots(patterns)
