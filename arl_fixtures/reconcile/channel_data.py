@@ -321,6 +321,10 @@ class ChannelData:
         unlikely = sum(surprise(self.whitener.tau[v.name], v.floor, v.freedom) for v in self.levels)
         return -0.5 * (float(z @ z) + self.whitener.log_det) - unlikely
 
+    def level(self, name: str) -> Level | None:
+        """The grouping of a name; None where the channel's rows have none such."""
+        return next((level for level in self.levels if level.name == name), None)
+
     def alone(self, level: Level) -> float:
         """Scatter of a level from which its groups' rows tell of it more than of themselves."""
         weight = np.bincount(level.code, (self.root_weight * level.scale) ** 2, minlength=level.count)

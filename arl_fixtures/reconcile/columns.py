@@ -18,6 +18,7 @@ RECORDED = frozenset({"cycle", "step"})
 """What stands for something within one record only."""
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,7 +20,7 @@ CONSTANT_Z = 3.5
 NAMED_ERRORS = 1.5
 """Errors that a constant beside a name must exceed: a name's law brings its own zero, an empirical one none."""
 PRIOR = (0.4, 0.2, 0.4)
-"""Of a simulation calibrated on these rows, of one on others with the same effect, and of one without the effect."""
+"""Of a simulation calibrated on these rows, on others with the same effect, and without the effect."""
 FITTED_ERRORS = 1.5
 """Rows' own errors of the mean within which a simulation agrees that was calibrated on these very rows."""
 
@@ -46,17 +46,16 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
             continue
         d.follow(state)
         acted = not np.array_equal(state[d.channel.name], untouched[d.channel.name], equal_nan=True)
-        sure = 1.0 if d.channel.name in lawful else NAMED_ERRORS
-        if any(t.effect.floating and d.channel.name in t.variant.channels[:1] for t in decision.terms):
-            sure = 0.0
-        values, errors = _shrunk(d, d.residual(state), sure) if acted else _plain(d, d.residual(state))
+        floats = any(t.effect.floating and d.channel.name in t.variant.channels[:1] for t in decision.terms)
+        sure = 0.0 if floats else 1.0 if d.channel.name in lawful else NAMED_ERRORS
+        before, left = d.residual(untouched), d.residual(state)
+        values, errors = _shrunk(d, left, sure) if acted else _plain(d, left)
         if acted:
-            reach = reach_of(d, d.residual(untouched) - d.residual(state))
+            reach = reach_of(d, before - left)
             if d.second is None:  # else the zero took the mean along
-                odds = calibrated(d, d.residual(untouched), d.residual(state), errors, reach, floats=sure == 0.0)
-                beside, before = (_means(d, d.residual(of))[0] for of in (state, untouched))
-                never = 1.0 - odds.here - odds.elsewhere
-                values = odds.here * beside + odds.elsewhere * (beside - before) + never * values
+                odds, mean = calibrated(d, before, left, errors, reach, floats=floats), _means(d, left)[0]
+                taken = mean - _means(d, before)[0]
+                values = odds.here * mean + odds.elsewhere * taken + odds.never * values
             values = np.where(np.abs(values) > CONSTANT_Z * errors, values, np.clip(values, -reach, reach))
         found: dict[str, float] = {}
         for unit in range(d.units):
@@ -108,7 +107,7 @@ def zeros_of(decision: Decision, constants: Mapping[str, Mapping[str, float]]) -
 
 def _error_by_steps(d: ChannelData, apart: FloatArray, rows: IntArray) -> float:
     """Error of a mean of rows whose steps share theirs, told from these; none of a single step."""
-    step = next((level for level in d.levels if level.name == "step"), None)
+    step = d.level("step")
     if step is None:
         return 0.0
     weight = d.root_weight[rows] ** 2
@@ -158,7 +157,7 @@ def _means(d: ChannelData, residual: FloatArray) -> tuple[FloatArray, FloatArray
 
 def reach_of(d: ChannelData, change: FloatArray) -> FloatArray:
     """Largest gain or offset that a change of the rows means for one step of each unit."""
-    step = next((level for level in d.levels if level.name == "step"), None)
+    step = d.level("step")
     code, count = (np.zeros_like(d.unit), 1) if step is None else (step.code, step.count)
     part = d.unit * count + code
     weight = (d.root_weight * d.scale) ** 2
@@ -168,10 +167,11 @@ def reach_of(d: ChannelData, change: FloatArray) -> FloatArray:
 
 
 class Calibrated(NamedTuple):
-    """Probabilities that a simulation was calibrated on these very rows, and on others with the same effect."""
+    """Probabilities that a simulation was calibrated on these rows, on others with the same effect, or without."""
 
     here: float
     elsewhere: float
+    never: float
 
 
 def calibrated(
@@ -203,8 +203,7 @@ def calibrated(
     told_of = np.array([float(np.sum(x)) for x in (_density(means, fitted), _density(means, chance), never)])
     if not np.all(np.isfinite(errors)):  # what one step is off by says nothing of others
         told_of[1] = -np.inf
-    here, elsewhere, _ = softmax(told_of + np.log(PRIOR))
-    return Calibrated(float(here), float(elsewhere))
+    return Calibrated(*softmax(told_of + np.log(PRIOR)).tolist())
 
 
 def _density(x: FloatArray, scatter: FloatArray) -> FloatArray:
@@ -218,7 +217,7 @@ def _shrunk(d: ChannelData, residual: FloatArray, sure: float) -> tuple[FloatArr
     d.rebuild(d.fit_scatter(residual)[1])
     values, errors = _plain(d, residual)
     d.rebuild(kept)
-    step = next((level for level in d.levels if level.name == "step"), None)
+    step = d.level("step")
     if step is not None and step.floor > 0.0 and not step.declared:
         values, errors = _by_steps(d, residual, step)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -19,9 +19,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
-from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray
+from arl_fixtures.reconcile.columns import BoolArray, Columns, FloatArray, IntArray
 from arl_fixtures.reconcile.table import load_table
 
 CONTEXT_FILE = "context.parquet"
@@ -31,7 +30,6 @@ SAME_CONDITION = 0.1
 """Share of a condition's range by which a step's values may lie beyond those that are kept of it."""
 SAME = 1e-9
 
-BoolArray = NDArray[np.bool_]
 _RECORD = ("dut", "cycle")
 _WHEN = ("dut", "cycle", "step")
 _PLACE = ("set_temperature_c", "ramp", "stage_angle_deg", "time_s", "pixel_u", "pixel_v")

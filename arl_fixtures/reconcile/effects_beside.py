@@ -7,7 +7,7 @@ import numpy as np
 from arl_fixtures.reconcile.effects_common import FloatArray, distances, per_table, signals
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illumination, log_profile
 from arl_fixtures.reconcile.effects_pointing import changes_elsewhere
-from arl_fixtures.reconcile.effects_scene import gap_of, pixel_width, scene
+from arl_fixtures.reconcile.effects_scene import gap_of, pixel_width, scene, sweeps_pixels
 from arl_fixtures.reconcile.view import View
 
 
@@ -18,7 +18,7 @@ def seen_beside(view: View, du: int, dv: int) -> tuple[FloatArray, FloatArray] |
     asks for both sides. None where a sweep shows nothing finer.
     """
     found = scene(view)
-    if found is None or not all(map(view.varies, ("stage_angle_deg", "azimuth_deg", "pixel_u"))):
+    if found is None or not sweeps_pixels(view):
         return None
     if not per_table(view, "sees pixels", lambda: gap_of(found.line, found.bearing) < np.median(pixel_width(view))):
         return None

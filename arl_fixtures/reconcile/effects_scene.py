@@ -71,6 +71,11 @@ def scene(view: View) -> Scene | None:
     return per_table(view, "scene", lambda: _make_scene(view))
 
 
+def sweeps_pixels(view: View) -> bool:
+    """Whether a stage sweeps pixels whose columns and bearings are known."""
+    return all(map(view.varies, ("stage_angle_deg", "azimuth_deg", "pixel_u")))
+
+
 def _make_scene(view: View) -> Scene | None:
     table = view.columns
     moving, rays = view.varies("stage_angle_deg"), view.varies("azimuth_deg")

@@ -113,7 +113,7 @@ def of_few_steps(gain: float, coefficients: int, data: ChannelData) -> float:
     With n steps of unknown variance the likelihood gains n/2 ln(1 + k F/ν) for an F ratio of (k, ν = n − 1 − k)
     degrees; the chi-squared/2 of k degrees that is as unlikely is what it would be if the scatter were known.
     """
-    level = next((level for level in data.levels if level.name == "step"), None)
+    level = data.level("step")
     if level is None or level.declared or level.floor > 0.0 or gain <= 0.0:
         return gain
     freedom = level.count - 1 - coefficients
@@ -130,7 +130,7 @@ def _starts(data: ChannelData, *, within_images: bool = False) -> list[dict[str,
     pass works with the scatters that the law before leaves.
     """
     tau = {**data.tau, "pixel": 0.0, "angle": 0.0, "frame": data.tau.get("frame", 0.0) if within_images else 0.0}
-    level = next((level for level in data.levels if level.name == "step"), None)
+    level = data.level("step")
     starts = [tau]
     if level is not None:
         alone = max(data.alone(level), level.floor)

@@ -13,10 +13,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.channel_data import ChannelData
-from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.columns import BoolArray, FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.features import category_id
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm
@@ -25,8 +24,6 @@ from arl_fixtures.reconcile.noise import fit_tau
 from arl_fixtures.reconcile.patterns import half_z, shared_part
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.roles import FIELD_COLUMNS, PIXEL, Role
-
-BoolArray = NDArray[np.bool_]
 
 LOCATED_GAIN, LOCATED_Z = 11.0, 3.5
 MOST_BINS = 24

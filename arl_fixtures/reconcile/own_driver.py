@@ -93,10 +93,11 @@ def mends_shape(problem: Problem, terms: Sequence[Term], term: Term) -> bool:
     cell = cells_of(problem.view, term.variant.drivers[:1])
     if cell is None:
         return False
-    main = _mainly_in(problem, terms, term)
     whole, own = _gains(problem, terms, cell)
-    there, _ = _gains(problem, terms, cell, channels=main)
-    return there > 0.5 * whole and own < OWN_SHARE * whole
+    if own >= OWN_SHARE * whole:
+        return False
+    there, _ = _gains(problem, terms, cell, channels=_mainly_in(problem, terms, term))
+    return there > 0.5 * whole
 
 
 def _mainly_in(problem: Problem, terms: Sequence[Term], term: Term) -> set[str]:

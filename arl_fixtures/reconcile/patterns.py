@@ -227,7 +227,7 @@ def is_calibration(problem: Problem, pattern: Pattern, terms: Sequence[Term]) ->
         name = d.channel.name
         if moved[name] is base[name] or d.channel.role.value == "scatter":
             continue
-        level = next((lv for lv in d.levels if lv.name == "pixel"), None)
+        level = d.level("pixel")
         if level is None:
             continue
         ours = _mean_by(level.code, ((moved[name] - base[name])[d.use] / d.scale), level.count)

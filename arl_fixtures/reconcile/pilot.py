@@ -9,11 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.boosting import Binned, Ceiling, bin_columns, ceiling
 from arl_fixtures.reconcile.channel_data import ChannelData
-from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.columns import BoolArray, FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.estimated_noise import estimated_error, group_median, noise_quantities
 from arl_fixtures.reconcile.features import features_of
@@ -30,8 +29,6 @@ from arl_fixtures.reconcile.noise import Level, less_shared
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import BEARING_SIGNS, PIXEL, Role
 from arl_fixtures.reconcile.stated import by_chance
-
-BoolArray = NDArray[np.bool_]
 
 MOST_ROWS = 12_000
 TAIL_Z = 2.5
@@ -191,7 +188,6 @@ class Looker:
             # rows held back still scatter more than their weight says: a sum over many would pass for shared error
             excess = float(np.mean((data.trust * beyond) ** 2) / np.mean(data.trust))
             data.spread *= np.sqrt(max(excess, 1.0))
-
 
     def _in_whole_images(self, data: ChannelData, z: FloatArray) -> BoolArray:
         """Rows of stage angles (of a device) at which most rows are far off: no tails, and no edges."""

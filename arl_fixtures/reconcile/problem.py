@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 
 from arl_fixtures.reconcile.channel_data import ChannelData
@@ -112,6 +115,16 @@ class Problem:
     def log_likelihood(self, state: State, *, lost: float = 0.0, without: tuple[str, ...] = ()) -> float:
         """Marginal likelihood with group scatters at their best for this state."""
         return sum(d.fit_scatter(d.residual(state), lost=lost, without=without)[0] for d in self.data)
+
+    @contextmanager
+    def keeping_scatters(self) -> Iterator[None]:
+        """The problem with whatever scatters its groups are given meanwhile; afterwards with those of before."""
+        kept = [(d, d.tau) for d in self.data]
+        try:
+            yield
+        finally:
+            for d, tau in kept:
+                d.rebuild(tau)
 
     def refit_scatter(self, state: State, *, lost: float = 0.0) -> None:
         """Set the group scatters to their best for this state."""

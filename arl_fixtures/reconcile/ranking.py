@@ -54,15 +54,13 @@ def rank(full: Problem, small: Problem, base: Fit, candidates: Sequence[Candidat
 
 def polished(full: Problem, base: Fit, candidate: Candidate, terms: tuple[Term, ...], *, rounds: int) -> Ranked:
     """Fit on the full problem with the group scatters that this candidate leaves, not those that hid it."""
-    kept = [(d, d.tau) for d in full.data]
-    full.refit_scatter(forward(terms, full.view), lost=float(len(base.keys)))
-    found = finish(full, fit(full, terms, rounds=rounds))
-    last = found.terms[-1]
-    gain = worth(found, base) - FAR_FETCHED * last.effect.is_far_fetched(last.variant, last.values)
-    strict = gain + _strict(full, found) - found.log_likelihood + base.log_likelihood - _strict(full, base)
-    robust = robust_gain(full, found, len(base.terms), max(gain, strict))
-    for d, tau in kept:
-        d.rebuild(tau)
+    with full.keeping_scatters():
+        full.refit_scatter(forward(terms, full.view), lost=float(len(base.keys)))
+        found = finish(full, fit(full, terms, rounds=rounds))
+        last = found.terms[-1]
+        gain = worth(found, base) - FAR_FETCHED * last.effect.is_far_fetched(last.variant, last.values)
+        strict = gain + _strict(full, found) - found.log_likelihood + base.log_likelihood - _strict(full, base)
+        robust = robust_gain(full, found, len(base.terms), max(gain, strict))
     apart = acts_alone(full, found.terms)
     return Ranked(candidate=candidate, fit=found, gain=gain, robust=robust, alone=apart)
 

@@ -146,7 +146,7 @@ def share_beside(problem: Problem, terms: Sequence[Term], term: Term) -> float:
     base, moved = forward(others, problem.view), forward([*others, term], problem.view)
     total = 0.0
     for d in problem.data:
-        level = next((level for level in d.levels if level.name == "pixel"), None)
+        level = d.level("pixel")
         if level is None or d.channel.role is Role.SCATTER or moved[d.channel.name] is base[d.channel.name]:
             continue
         weight = d.root_weight**2 * level.scale

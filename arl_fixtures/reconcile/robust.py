@@ -149,7 +149,7 @@ def _resting(problem: Problem, before: State, after: State) -> float:
             continue
         change = d.root_weight * (after[d.channel.name] - before[d.channel.name])[d.use]
         total += float(change @ change)
-        level = next((level for level in d.levels if level.name == "step"), None)
+        level = d.level("step")
         if level is not None and not level.declared and level.floor == 0.0:
             count = np.maximum(np.bincount(level.code, minlength=level.count), 1)
             mean = np.bincount(level.code, change, minlength=level.count) / count

@@ -8,12 +8,9 @@ at all), new pixels in each step would hide a temperature's effect behind the pi
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray
+from arl_fixtures.reconcile.columns import BoolArray, Columns, FloatArray, IntArray
 from arl_fixtures.reconcile.grouping import Groups
-
-BoolArray = NDArray[np.bool_]
 
 RETURNS = 6.0
 """Steps of a unit in which a pixel or an angle comes back, at least."""

@@ -41,28 +41,24 @@ def small_part(full: Problem) -> Problem:
 @contextmanager
 def steps_alike(problem: Problem, state: State) -> Iterator[float]:
     """A problem with a smaller scatter of the steps where it is large; yields what that costs a state."""
-    kept = [(d, d.tau) for d in problem.data]
     handicap = 0.0
-    for d, tau in kept:
-        level = next((level for level in d.levels if level.name == "step"), None)
-        least = max(level.floor, d.alone(level)) if level is not None else np.inf
-        if tau.get("step", 0.0) < LARGE_STEPS * least:
-            continue
-        before = d.likelihood(d.residual(state))
-        d.rebuild({**tau, "step": max(STEP_SHARE * tau["step"], least)})
-        handicap += before - d.likelihood(d.residual(state))
-    yield handicap
-    for d, tau in kept:
-        d.rebuild(tau)
+    with problem.keeping_scatters():
+        for d in problem.data:
+            tau, level = d.tau, d.level("step")
+            least = max(level.floor, d.alone(level)) if level is not None else np.inf
+            if tau.get("step", 0.0) < LARGE_STEPS * least:
+                continue
+            before = d.likelihood(d.residual(state))
+            d.rebuild({**tau, "step": max(STEP_SHARE * tau["step"], least)})
+            handicap += before - d.likelihood(d.residual(state))
+        yield handicap
 
 
 @contextmanager
 def pixels_alike(problem: Problem) -> Iterator[None]:
     """A problem whose pixels share no scatter of their own."""
-    kept = [(d, d.tau) for d in problem.data]
-    for d, tau in kept:
-        if tau.get("pixel", 0.0) > 0.0:
-            d.rebuild({**tau, "pixel": 0.0})
-    yield
-    for d, tau in kept:
-        d.rebuild(tau)
+    with problem.keeping_scatters():
+        for d in problem.data:
+            if d.tau.get("pixel", 0.0) > 0.0:
+                d.rebuild({**d.tau, "pixel": 0.0})
+        yield

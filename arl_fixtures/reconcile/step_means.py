@@ -27,7 +27,7 @@ def left_in_steps(problem: Problem, d: ChannelData, terms: Sequence[Term], least
         least: smallest share of interest.
     """
     name = d.channel.name
-    level = next((level for level in d.levels if level.name == "step"), None)
+    level = d.level("step")
     state, untouched = forward(terms, problem.view), problem.view.fresh_state()
     if level is None or state[name] is untouched[name]:
         return 0.0
@@ -61,7 +61,7 @@ def share_between(d: ChannelData, change: FloatArray) -> float:
         d: a channel.
         change: of its corrected simulation, on the problem's rows.
     """
-    level = next((level for level in d.levels if level.name == "step"), None)
+    level = d.level("step")
     moved = beside_constants(d, change[d.use] / d.scale)
     total = float(np.mean(moved**2))
     if level is None or total <= 0.0:
@@ -82,7 +82,7 @@ def leaves_other_rows(
         terms: the names.
         rows: of the channel, that were looked at; predicted: there, of what is left, in units of the scale.
     """
-    level = next((level for level in d.levels if level.name == "frame"), None)
+    level = d.level("frame")
     if level is None or len(predicted) != len(rows):
         return False
     code, unit = level.code[rows], d.unit[rows]

@@ -25,7 +25,7 @@ from arl_fixtures.reconcile.effects_frame import has_frames, ranged_by
 from arl_fixtures.reconcile.effects_pointing import spread_rays
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.effects_render import as_simulated, convolved, rendered, see_area
-from arl_fixtures.reconcile.effects_scene import pixel_width, scene
+from arl_fixtures.reconcile.effects_scene import pixel_width, scene, sweeps_pixels
 from arl_fixtures.reconcile.view import View
 
 
@@ -54,7 +54,7 @@ class Defocus(Effect):
         kinds: tuple[str, ...] = ("image",)
         if bench_of(view) is not None:
             kinds = ("rays", "image", "halo") if is_sharp(view) else ("rays", "image")
-        elif scene(view) is not None and all(map(view.varies, ("stage_angle_deg", "azimuth_deg", "pixel_u"))):
+        elif scene(view) is not None and sweeps_pixels(view):
             kinds = ("scene", "image")
         for channel in signals(view):
             for column, kind in itertools.product(("", *columns), kinds):
