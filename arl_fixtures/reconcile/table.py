@@ -7,7 +7,7 @@ to compare is a `DataError`.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +27,8 @@ LARGEST, SMALLEST = 1e30, 1e-30
 """No quantity is larger or smaller: what is beyond counts as infinite, what is below as nothing."""
 IDENTITY = frozenset({"time_s", "stage_angle_deg", "pixel_u", "pixel_v", "true_range_m"})
 """Columns of which each tells observations apart."""
+OFTENER = 10.0
+"""How many times oftener than chance has it rows without such a column repeat if they are copies."""
 MAX_ROWS_IN_MEMORY = 2_500_000
 """Larger tables are searched in part: whole cycles, steps or images, so that what lies next to a row survives."""
 
@@ -143,7 +145,7 @@ def columns_of(table: pa.Table, *, path: Path | str = "table", for_prediction: b
     _note_empty(numbers, ignored, keep=for_prediction)
     ceilings: dict[str, float] = {}
     if not for_prediction:
-        _drop_repeats(numbers, categories, ignored)
+        _drop_repeats(numbers, categories, [numbers[channel.name] for channel in channels], ignored)
         ceilings = leave_out_ceilings(numbers, tuple(c.name for c in channels), ignored)
     return Columns(len(numbers[channels[0].name]), numbers, categories, channels, ignored, ceilings, given=given)
 
@@ -160,25 +162,37 @@ def _note_empty(numbers: dict[str, FloatArray], ignored: dict[str, str], *, keep
 
 
 def _drop_repeats(
-    numbers: dict[str, FloatArray], categories: dict[str, tuple[IntArray, tuple[str, ...]]], ignored: dict[str, str]
-) -> None:
+    numbers: dict[str, FloatArray], categories: dict[str, tuple[IntArray, tuple[str, ...]]],
+    readings: Sequence[FloatArray], ignored: dict[str, str],
+) -> None:  # fmt: skip
     """Use rows that stand twice once: a copy is no second witness.
 
-    Only where a column says which observation a row is: coarse values without one repeat by themselves.
+    Only where a column says which observation a row is, or readings are too fine: coarse ones repeat by themselves.
     """
-    if not IDENTITY & set(numbers):
-        return
     mixed = np.zeros(len(next(iter(numbers.values()))), dtype=np.uint64)
     for values in [*numbers.values(), *(codes for codes, _ in categories.values())]:
         mixed = (mixed ^ np.ascontiguousarray(values).view(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)
         mixed ^= mixed >> np.uint64(29)
     first = np.sort(np.unique(mixed, return_index=True)[1])
-    if len(first) < len(mixed):
-        ignored["(repeated rows)"] = f"{len(mixed) - len(first)} rows repeat another in all columns; used once"
+    repeated = len(mixed) - len(first)
+    if repeated and (
+        IDENTITY & set(numbers) or repeated > OFTENER * (1.0 + min(map(_alike_by_chance, readings)))
+    ):
+        ignored["(repeated rows)"] = f"{repeated} rows repeat another in all columns; used once"
         for name in numbers:
             numbers[name] = numbers[name][first]
         for name, (codes, labels) in categories.items():
             categories[name] = codes[first], labels
+
+
+def _alike_by_chance(reading: FloatArray) -> float:
+    """Pairs of rows that have the same value by chance, as fine as a reading is: n² / 2 over its levels."""
+    known = reading[np.isfinite(reading)]
+    values = np.unique(known)
+    if len(values) < 2:
+        return np.inf
+    levels = float(values[-1] - values[0]) / float(np.min(np.diff(values)))
+    return 0.5 * len(known) ** 2 / levels
 
 
 def _is_text(kind: pa.DataType) -> bool:

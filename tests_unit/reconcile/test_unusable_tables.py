@@ -128,6 +128,21 @@ def test_what_can_be_used_is_used_and_the_report_says_what_was_not(tmp_path, cha
     assert pq.ParquetFile(tmp_path / "out" / "localisation.parquet").metadata.num_rows == rows
 
 
+@pytest.mark.parametrize(("quantum", "copies"), [(0.0, True), (1.0, False)])
+def test_copies_are_told_from_coarse_readings_where_nothing_says_which_row_is_which(tmp_path, quantum, copies):
+    """A second witness is one whose readings repeat by chance, as whole counts do."""
+    whole = _without("pixel_u", "distance_m", "sim_distance_m", "sim_distance_m_std")(table())
+    seen = whole["intensity_counts"]
+    whole |= {
+        "sim_intensity_counts": np.full(240, 550.0) if quantum else whole["sim_intensity_counts"],
+        "intensity_counts": 550.0 + np.round(seen - whole["sim_intensity_counts"]) if quantum else seen,
+    }
+    pq.write_table(pa.table({n: np.concatenate([v, v]) for n, v in whole.items()}), tmp_path / "t.parquet")
+    assert run(tmp_path / "t.parquet", tmp_path / "out").exit_code == 0
+    said = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["table"]["not_used"]
+    assert ("(repeated rows)" in said) == copies
+
+
 def test_an_unknown_unit_and_a_single_step_are_no_obstacle(tmp_path):
     one = {n.replace("distance_m", "loss_furlong"): v for n, v in table().items()}
     one["step"] = np.full(240, 3.0)
