@@ -33,6 +33,7 @@ from arl_fixtures.reconcile.law_pool import (
 )
 from arl_fixtures.reconcile.law_shape import sharpened
 from arl_fixtures.reconcile.law_work import ALL_ROWS, MOST_ROWS, Work
+from arl_fixtures.reconcile.noise import Level
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.robust import LEAST_TAIL, log_beta
 from arl_fixtures.reconcile.roles import Role
@@ -98,7 +99,7 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
         after, _ = data.fit_scatter(data.measured - data.expect * corrected[data.use])
         gain = after - before
         if found.shared:
-            gain = of_few_steps(gain, sum(len(v) for v in found.values), data)
+            gain = of_few_steps(gain, sum(len(v) for v in found.values), data.level("step"))
         found.plain, found.likelier = gain - found.cost(), (gain / found.scatter - found.cost()) / shared
         stands, stood = is_law(found), is_law(chosen)  # what only fits gives way to what foretells
         least = chosen.likelier + START_GAIN if chosen.terms and stands == stood else 0.0
@@ -107,19 +108,18 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
     return law, chosen
 
 
-def of_few_steps(gain: float, coefficients: int, data: ChannelData) -> float:
+def of_few_steps(gain: float, coefficients: int, steps: Level | None) -> float:
     """What a gain of likelihood is worth where the steps' scatter is told from the very steps that a law explains.
 
     With n steps of unknown variance the likelihood gains n/2 ln(1 + k F/ν) for an F ratio of (k, ν = n − 1 − k)
     degrees; the chi-squared/2 of k degrees that is as unlikely is what it would be if the scatter were known.
     """
-    level = data.level("step")
-    if level is None or level.declared or level.floor > 0.0 or gain <= 0.0:
+    if steps is None or steps.declared or steps.floor > 0.0 or gain <= 0.0:
         return gain
-    freedom = level.count - 1 - coefficients
+    freedom = steps.count - 1 - coefficients
     if freedom < 1:
         return 0.0
-    tail = log_beta(-2.0 * gain / level.count, 0.5 * freedom, 0.5 * coefficients)
+    tail = log_beta(-2.0 * gain / steps.count, 0.5 * freedom, 0.5 * coefficients)
     return -tail if tail < LEAST_TAIL else 0.5 * float(stats.chi2.isf(np.exp(tail), coefficients))
 
 

@@ -1,12 +1,11 @@
 """Few steps tell little of what they share, and one step's image tells enough."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy import stats
 
 from arl_fixtures.reconcile.law_search import is_law, of_few_steps, search_law
+from arl_fixtures.reconcile.noise import Level
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.robust import log_beta
@@ -14,8 +13,10 @@ from arl_fixtures.reconcile.table import load_table
 
 
 def steps(count, *, declared=False):
-    level = SimpleNamespace(name="step", count=count, declared=declared, floor=1.0 if declared else 0.0)
-    return SimpleNamespace(levels=[level])
+    floor = 1.0 if declared else 0.0
+    return Level(
+        name="step", code=np.arange(count), count=count, scale=np.ones(count), floor=floor, declared=declared
+    )
 
 
 @pytest.mark.parametrize(("count", "coefficients"), [(5, 1), (7, 1), (7, 3), (40, 2)])
