@@ -14,6 +14,7 @@ from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import Effect, Kind, State, Variant
 from arl_fixtures.reconcile.followed import condition_of
+from arl_fixtures.reconcile.noise import Level
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.terms import Term, default_values
 from arl_fixtures.reconcile.whitener import Whitener
@@ -26,6 +27,8 @@ LARGE_WITHIN = 2.0
 """Row errors from which what images or angles share within a step is told, though single frames scatter by more."""
 LARGE_READING = 2.0
 """Scatters of a row from which what steps of single readings share is told: of frames, one would do."""
+MOST_TAKEN = 0.5
+"""Share of an image's weight in one row from which the others tell nothing of how it scatters."""
 EVERYWHERE, NORMAL_QUARTILE = 0.6, 0.6745
 """Share of a scatter that the median of what groups are off by must show, as a normal law would."""
 
@@ -60,6 +63,23 @@ def _is_everywhere(partial: Whitener, residual: FloatArray, name: str, tau: floa
     return usual > EVERYWHERE * tau
 
 
+def _rows_own(data: ChannelData, level: Level, state: State) -> float:
+    """What rows scatter by within images, as far as their mean feels it, in units of what their weights say; ≥ 1.
+
+    Where a few bright rows carry an image's mean and scatter by more than is stated, their images seem to scatter.
+    The sandwich of White (Econometrica 48 (1980) 817), each row's deviation freed of what the mean took from it.
+    """
+    direction, z = data.root_weight * level.scale, data.root_weight * data.residual(state)
+    weight = np.maximum(np.bincount(level.code, direction**2, level.count), 1e-300)
+    inner = z - direction * (np.bincount(level.code, direction * z, level.count) / weight)[level.code]
+    taken = np.bincount(level.code, direction**4, level.count) / weight**2
+    several = taken < MOST_TAKEN
+    if not several.any():
+        return 1.0
+    found = np.bincount(level.code, (direction * inner) ** 2, level.count) / weight
+    return float(np.sqrt(max(np.mean(found[several] / (1.0 - taken[several])), 1.0)))
+
+
 def find_scatter(problem: Problem, effects: Sequence[Effect], state: State) -> list[Scatter]:
     """Group scatter that the table's declarations do not cover, the strongest first."""
     found = []
@@ -90,6 +110,8 @@ def _scatter_of(
     partial = Whitener(data.root_weight, data.levels[: index + 1], {**inner, level.name: level.floor})
     asked = replace(level, declared=False)  # whether the declaration holds is the question
     tau, gain = data.level_scatter(data.residual(state), asked, partial)
+    if group == "frame" and gain >= SCATTER_GAIN:
+        gain = data.level_scatter(data.residual(state) / _rows_own(data, level, state), asked, partial)[1]
     declared = any(lv.declared for lv in data.levels)
     size = tau * float(np.median(level.scale))
     if gain < SCATTER_GAIN or (level.floor > 0 and (tau < 1.4 or not level.declared)):

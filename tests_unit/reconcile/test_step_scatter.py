@@ -132,6 +132,18 @@ def test_outliers_of_a_large_table_do_not_pass_for_errors_of_whole_images(column
     assert scatters_of(columns) == []
 
 
+@pytest.mark.parametrize("seed", [5, 6, 7])
+def test_bright_rows_that_scatter_more_than_stated_are_no_errors_of_their_images(columns_of, seed):
+    """The brightest stripe decides what an image is off by; its rows, alone, scatter by 1.8 times what is stated."""
+
+    def unstated(columns, rng):
+        noise = columns["sim_distance_m_std"] / np.sqrt(columns["n_frames"])
+        bright = columns["surface"] == "stripe_80"
+        columns["distance_m"] = columns["distance_m"] + 1.5 * noise * bright * rng.normal(size=len(noise))
+
+    assert scatters_of(columns_of(seed, unstated, duts=3, steps=20)) == []
+
+
 def test_a_pattern_is_found_at_whichever_period_it_has(columns_of):
     def comb(columns, _rng):
         columns["intensity_counts"] = columns["intensity_counts"] * (
