@@ -7,6 +7,7 @@ import zlib
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.play import play_of
 from arl_fixtures.reconcile.roles import BEARING_SIGNS, FIELD_COLUMNS, HALF_TURN_DEG, PIXEL, Role
 from arl_fixtures.reconcile.view import View
 
@@ -27,8 +28,9 @@ def features_of(view: View) -> dict[str, FloatArray]:
 
     Derived ones carry a `~`: `~edge(X)` (mean of the neighbouring pixels over own), `~sweep(X)` (next angle over
     own), `~before(X)` (frame taken before over own), `~frame(X)` (mean of the image over own), `~parity(pixel_u)`,
-    `~within(time_s)` (since the step's first row), `~radius(field)` and `~twist(field)` (see `_field`), and
-    `~bearing(azimuth + stage)` (where a pixel looks in the room, in degrees; either sense), `~pixel` (its number).
+    `~within(time_s)` (since the step's first row), `~play(X)` (from which side a temperature came), `~radius(field)`
+    and `~twist(field)` (see `_field`), and `~bearing(azimuth + stage)` (where a pixel looks in the room, in degrees;
+    either sense), `~pixel` (its number).
     """
     logged = view.columns.numbers  # as read: what a law finds without physics may follow the readings
     found: dict[str, FloatArray] = {name: logged[name][view.rows] for name in view.covariates() if name != "n_frames"}
@@ -65,7 +67,7 @@ def features_of(view: View) -> dict[str, FloatArray]:
     within = _within_step(view)
     if within is not None:
         found["~within(time_s)"] = within
-    found |= _field(view)
+    found |= _field(view) | play_of(view)
     if view.has("azimuth_deg") and view.has("stage_angle_deg") and "azimuth_deg" not in view.columns.derived:
         azimuth, stage = logged["azimuth_deg"][view.rows], logged["stage_angle_deg"][view.rows]
         found |= {name: azimuth + sign * stage for name, sign in BEARING_SIGNS.items()}

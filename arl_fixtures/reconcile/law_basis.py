@@ -16,7 +16,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.law import OF_LABELS, Axis, Features
-from arl_fixtures.reconcile.roles import BEARING_SIGNS, PIXEL_COLUMNS, counts_visits, unit_of
+from arl_fixtures.reconcile.roles import BEARING_SIGNS, PIXEL_COLUMNS, counts_visits, played, unit_of
 
 KNOTS, MAP_KNOTS = 12, 6
 FINE_KNOTS = 24
@@ -37,8 +37,9 @@ WAVING = frozenset({
     "m", "mm", "cm", "km", "um", "nm", "deg", "rad", "s", "ms", "us", "ns", "ps", "min", "h", "°C", "K", "A", "mA",
 })  # fmt: skip
 """Units of a path, an angle, a time or what tunes a laser: the phase of a wave follows these."""
-FAR_FETCHED, OPERATING = 4.0, 1.5
-"""Further price of columns that tell of unseen conditions less than a physical one that fits as well."""
+FAR_FETCHED, FROM_WHERE, OPERATING = 4.0, 1.0, 1.5
+"""Further price of columns that tell of unseen conditions less than a physical one that fits as well: what lies next
+to a row, from which side its temperature came, and how it was operated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,7 +256,7 @@ def waves_of(first: str, turns: float, second: str = "", more: float = 0.0) -> t
 
 def is_proxy(column: str) -> bool:
     """Whether a column goes along with what drives an effect rather than drives it: an order, or the simulation."""
-    derived = column.startswith(("~", "sim_")) and column not in BEARING_SIGNS
+    derived = column.startswith(("~", "sim_")) and column not in BEARING_SIGNS and not played(column)
     return column in UNLIKELY or derived
 
 
@@ -282,6 +283,8 @@ def _price_of(column: str) -> float:
         return UNLIKELY["step"]
     if column in BEARING_SIGNS:
         return 0.0
+    if played(column):
+        return FROM_WHERE
     if column.startswith("~"):
         return FAR_FETCHED
     return OPERATING if unit_of(column) in {"V", "A", "us"} and not column.startswith("sim_") else 0.0

@@ -26,8 +26,9 @@ from arl_fixtures.reconcile.lonely import (
     scatter_beside,
 )
 from arl_fixtures.reconcile.noise import Level, less_shared
+from arl_fixtures.reconcile.play import turns
 from arl_fixtures.reconcile.problem import Problem
-from arl_fixtures.reconcile.roles import BEARING_SIGNS, PIXEL, Role
+from arl_fixtures.reconcile.roles import BEARING_SIGNS, PIXEL, Role, played
 from arl_fixtures.reconcile.stated import by_chance
 
 MOST_ROWS = 12_000
@@ -81,6 +82,9 @@ class Looker:
         if not (problem.view.varies("azimuth_deg") and problem.view.varies("stage_angle_deg")):
             for name in BEARING_SIGNS:  # the other one of the two says the same
                 self.features.pop(name, None)
+        for name in [n for n in self.features if played(n)]:
+            if not turns(self.features[name]):
+                del self.features[name]
         self.binned: Binned = bin_columns({n: x for n, x in self.features.items() if n != PIXEL})
 
     def rows_of(self, data: ChannelData) -> IntArray:

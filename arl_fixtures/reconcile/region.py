@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
-from arl_fixtures.reconcile.roles import FIELD_COLUMNS, MADE_OF, Role, role_of
+from arl_fixtures.reconcile.roles import FIELD_COLUMNS, MADE_OF, Role, played, role_of
 from arl_fixtures.reconcile.view import View
 
 HOLDS = 0.95
@@ -55,6 +55,8 @@ def columns_as_drivers(names: Sequence[str], view: View) -> list[str]:
             parts = [re.sub(r"~parity\((.*)\)", r"\1", name)]
         elif name.startswith("~within"):
             parts = ["time_s"]
+        elif played(name):
+            parts = ["ramp", played(name)]
         elif name in MADE_OF:
             parts = list(MADE_OF[name])
         elif name.startswith("~edge"):

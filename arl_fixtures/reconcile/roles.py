@@ -64,6 +64,7 @@ FIELD_COLUMNS = ("~radius(field)", "~twist(field)")
 """Derived from both columns of a pixel's place: what optics that are round, or bent by torsion, depend on."""
 PIXEL = "~pixel"
 """Number of a pixel of a device, the same in every table: a name of it, not a size."""
+_PLAY = "~play("
 BEARING_SIGNS = {"~bearing(azimuth + stage)": 1.0, "~bearing(azimuth - stage)": -1.0}
 """Where a pixel looks in the room, by the sense in which azimuths and stage angles count: what stands there shows on
 whichever pixel looks at it."""
@@ -185,6 +186,16 @@ def told_by(column: str) -> str:
     bare = column.removeprefix("sim_")
     is_distance = bare.startswith(("distance_", "true_range_")) and role_of(bare) is Role.DISTANCE
     return "distance" if is_distance else bare
+
+
+def play_name(temperature: str) -> str:
+    """Name of the derived column that tells from which side a temperature came."""
+    return f"{_PLAY}{temperature})"
+
+
+def played(name: str) -> str:
+    """The temperature of such a column; empty where it is none."""
+    return name.removeprefix(_PLAY).removesuffix(")") if name.startswith(_PLAY) else ""
 
 
 def counts_visits(name: str) -> bool:
