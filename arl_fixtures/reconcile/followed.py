@@ -27,10 +27,11 @@ NO_CONDITIONS = frozenset({"n_frames", "step", "stage_angle_deg", "pixel_u", "pi
 """Columns that only number steps, or that belong to rows."""
 STEADY = 0.02
 """Share of a column's variance that rows of one step may hold for it to be a condition of the step."""
-STRICT = 0.08
-"""Share of these probabilities that is allowed where a condition alone tells of a mismatch."""
+STRICT, STRICT_ALIKE = 0.08, 0.02
+"""Share of these probabilities that is allowed where a condition alone tells of a mismatch; likeness has no law."""
 FEWEST_GROUPS = 8
 PERMUTATIONS = 2000
+STRICT_PERMUTATIONS = 20_000
 HELD_BACK = 3.0
 """Scatters to which a group is held back before neighbours are compared."""
 LEAST_FORETOLD = 0.8
@@ -63,8 +64,11 @@ def condition_of(problem: Problem, data: ChannelData, group: str, state: State, 
         strict: where nothing else tells of a mismatch.
     """
     shared = _shared_of(problem, data, group, state)
-    part = STRICT if strict else 1.0
-    return _parabola(shared, data.units, part * DRIVEN_P) or _neighbours(shared, part * ALIKE_P)
+    driven = _parabola(shared, data.units, (STRICT if strict else 1.0) * DRIVEN_P)
+    likely = _neighbours(shared, ALIKE_P, PERMUTATIONS) if not driven else ""
+    if strict and likely:
+        likely = _neighbours(shared, STRICT_ALIKE * ALIKE_P, STRICT_PERMUTATIONS)
+    return driven or likely
 
 
 def followed_law(problem: Problem, data: ChannelData, group: str, state: State, name: str) -> list[LawTerm]:
@@ -168,14 +172,14 @@ def _parabola(shared: _Shared, units: int, least: float) -> str:
     return best if p_value * len(shared.conditions) < least else ""
 
 
-def _neighbours(shared: _Shared, least: float) -> str:
+def _neighbours(shared: _Shared, least: float, draws: int) -> str:
     orders = {n: np.argsort(x, kind="stable") for n, x in shared.conditions.items() if len(np.unique(x)) > 4}
     if len(shared.left) < FEWEST_GROUPS or not orders:
         return ""
     spread = 1.4826 * float(np.median(np.abs(shared.left)))
     held = np.clip(shared.left, -HELD_BACK * spread, HELD_BACK * spread)
     rng = np.random.default_rng(len(held))
-    mixed = np.stack([held, *(rng.permutation(held) for _ in range(PERMUTATIONS))])
+    mixed = np.stack([held, *(rng.permutation(held) for _ in range(draws))])
     scores = np.stack([_likeness(mixed[:, order]) for order in orders.values()])
     scores = (scores - scores.mean(axis=1, keepdims=True)) / np.maximum(scores.std(axis=1, keepdims=True), 1e-300)
     largest = scores.max(axis=0)

@@ -15,6 +15,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.boosting import Boosted, Tree
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.converter_bits import is_set
 from arl_fixtures.reconcile.features import category_id
 from arl_fixtures.reconcile.roles import unit_of
 
@@ -39,9 +40,10 @@ class Axis:
         column: feature name (see `features_of`).
         kind: `linear`, `ratio` (to the middle: nil at nil), `square`, `size` (without its sign), `above`, `below`
             (hinges), `step`, `band` (1 between two edges, else 0), `exp`, `inverse`, `log`, `sin`, `cos`, `parity`,
-            `is` (a category), `table` (one value per bin), `curve` (straight lines between knots), `one`.
+            `is` (a category), `bit` (whether a code has it set), `table` (one value per bin), `curve` (straight lines
+            between knots), `one`.
         middle, width: the ratio is (x − middle) / width.
-        at: knot or period in the column's unit, or number of a category.
+        at: knot or period in the column's unit, weight of a bit, or number of a category.
         label: category label of `is`; `OF_LABELS` of a table over a category, each of whose labels has a bin between
             two of labels that were not seen.
         edges, values: bins of `table`, or knots of `curve`, and their coefficients; without values the axis is open:
@@ -95,7 +97,7 @@ class Axis:
             "sin": f"sin(2*pi*{c}/{a})", "cos": f"cos(2*pi*{c}/{a})", "parity": f"(-1)^{c}",
             "band": "[" + f" < {c} < ".join(f"{x:.5g}" for x in self.edges) + "]",
             "is": f"[{c} = {self.label}]", "curve": f"curve({c})",
-            "table": f"table({c}{f' mod {a}' if self.at else ''})",
+            "bit": f"[bit {a} of {c}]", "table": f"table({c}{f' mod {a}' if self.at else ''})",
         }[self.kind]  # fmt: skip
 
 
@@ -206,6 +208,8 @@ def _function(kind: str, x: FloatArray, axis: Axis) -> FloatArray:
             return np.asarray(np.asarray(axis.values)[axis.bin_of(x)])
         case "curve":
             return np.asarray(np.interp(x, np.asarray(axis.edges), np.asarray(axis.values)))
+        case "bit":
+            return is_set(x, axis.at, axis.width)
         case "parity":
             return np.where(np.mod(x, 2.0) < 0.5, 1.0, -1.0)
         case _:

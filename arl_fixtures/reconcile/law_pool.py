@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.converter_bits import weights_of
 from arl_fixtures.reconcile.law import Axis, axes_of
 from arl_fixtures.reconcile.law_bands import bands_of
 from arl_fixtures.reconcile.law_basis import (
@@ -103,6 +105,7 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
         alone = [m.basis for n in names for m in pool.items if m.basis.columns == (n,) and not m.basis.waves][:80]
         pool.add(Basis(axes=(*b.axes, signal), prior=b.prior, price=b.price + 1.0) for b in alone)
         pool.add(_beating(work, signal))
+    pool.add(_of_bits(work, looker, signal))
     pool.add(_pairs(work, looker, names, simple))
     pool.add(_moving(work, names, (*ORDERS, *view.temperatures()[:2])))
     lines = [m.basis.axes[0] for n in names for m in simple.get(n, []) if m.basis.axes[0].kind == "linear"]
@@ -167,6 +170,18 @@ def _beating(work: Work, signal: Axis) -> Iterator[Basis]:
     if wave:
         price = PRICE_TWO + price_of(("time_s",)) + _shared_price(work, ("time_s",)) + wave.price + 1.0
         yield Basis(waves=tuple((*product, signal) for product in waves_of("time_s", wave.turns)), price=price)
+
+
+def _of_bits(work: Work, looker: Looker, signal: Axis | None) -> Iterator[Basis]:
+    """Errors of a converter's bits, of one and of two, as many codes to bright and dark."""
+    channel = work.data.channel.name
+    weights, scatter = weights_of(looker.problem.view, channel)
+    amount = (signal,) if signal else ()
+    bits = [
+        (Axis(column=f"sim_{channel}", kind="bit", at=float(weight), width=scatter), *amount) for weight in weights
+    ]
+    yield from (Basis(axes=axes, price=PRICE_ONE + 1.0) for axes in bits)
+    yield from (Basis(waves=two, price=PRICE_TWO + 2.0) for two in itertools.combinations(bits, 2))
 
 
 def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, list[Candidate]]) -> Iterator[Basis]:

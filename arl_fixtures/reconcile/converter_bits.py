@@ -1,0 +1,54 @@
+"""Weights of a converter's bits that are off: the mean of many frames of a signal that is read in codes.
+
+Each bit that a code has set adds its own error (Kester, Data Conversion Handbook, 2005, ch. 2: superposition, the
+major carries). Frames scatter over codes: near a carry the mean sees a part of the jump, an error function wide.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import ndtr
+
+from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.roles import Role, unit_of
+from arl_fixtures.reconcile.view import View
+
+FEWEST_EITHER = 0.03
+"""Share of the rows that must have a bit set, and not: else it tells nothing, or is an offset."""
+WIDEST = 0.5
+"""Scatter of single frames, as a share of a bit's weight, from which its jumps are no more seen."""
+OWN_SCATTER = 0.3
+"""Standard deviation of where in a code a signal lies, in codes."""
+
+
+def is_set(codes: FloatArray, weight: float, scatter: float) -> FloatArray:
+    """Share of frames in which a bit is set; (n,).
+
+    Args:
+        codes: expected codes, (n,). weight: of the bit, a power of two. scatter: of single frames, in codes.
+    """
+    place, width = np.mod(codes, 2.0 * weight), max(scatter, OWN_SCATTER)
+    return np.asarray(sum(
+        ndtr((place - (turn * 2.0 + 1.0) * weight) / width) - ndtr((place - (turn * 2.0 + 2.0) * weight) / width)
+        for turn in (-1, 0, 1)
+    ))  # fmt: skip
+
+
+def weights_of(view: View, channel: str) -> tuple[FloatArray, float]:
+    """Weights of the bits that a signal in counts has now set and now not, and the scatter in counts.
+
+    A count is a code. No weights where the channel is no signal in counts, or has no such bits.
+    """
+    errors, none = f"sim_{channel}_std", (np.zeros(0), 0.0)
+    is_signal = any(c.name == channel for c in view.channels(Role.INTENSITY))
+    if not (is_signal and unit_of(channel) == "counts"):
+        return none
+    codes = view.sim[channel]
+    codes = codes[np.isfinite(codes) & (codes > 0.0)]
+    scatter = float(np.nanmedian(view.number(errors))) if view.has(errors) else 0.0
+    if codes.size == 0:
+        return none
+    weights = np.exp2(np.arange(2, int(np.log2(max(codes.max(), 8.0))) + 1, dtype=np.float64))
+    share = np.array([is_set(codes, weight, scatter).mean() for weight in weights])
+    kept = weights[(np.abs(share - 0.5) < 0.5 - FEWEST_EITHER) & (scatter < WIDEST * weights)]
+    return kept, scatter
