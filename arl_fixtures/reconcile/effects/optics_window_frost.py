@@ -34,6 +34,8 @@ class WindowFrost(LightFactor):
       dew or frost point `onset`, goes in proportion to the deficit above, `melt` times as fast; F ≥ 0.
     * dew point (where one is logged): the balance with e(dew point + margin) for e(onset), moist air as it came.
     * Where a bench soaks, T steps early on its way between two steps' rows; else it goes in a straight line.
+    * covered: of a film of small crystals the share of the window that they cover counts, 1 − exp(−F / full): more
+      ice on a white window takes no more light, and a thick film shows for long after it has begun to go.
     * settled: F follows max(onset − T, 0) within a time constant: film and vapour near equilibrium.
     """
 
@@ -68,6 +70,9 @@ class WindowFrost(LightFactor):
                     yield self._variant(view, {**options, "kind": "balance"}, (*_depths(unit, most), onset, *rest))
                     yield from self._from_moist_air(view, options)
                     first = replace(onset, starts=onset.starts[:1])
+                    full = shape("full", unit[3:-1], 0.01 * most, 2.0 * most, 0.1 * most)
+                    told = {**options, "kind": "balance", "covers": True}
+                    yield self._variant(view, told, (*_depths("1", 1.0), first, *rest, full))
                     if float(_axis_cosine(view).min()) < _NARROW:
                         slant = shape("slant", "1", 0.0, 2.0, 1.0)
                         told = {**options, "kind": "balance", "aslant": True}
@@ -128,6 +133,8 @@ class WindowFrost(LightFactor):
         else:
             cold = np.maximum(onset - record.values, 0.0)
             film = on_rows(view, low_pass(cold, record.interval / float(values["lag"])))
+        if "full" in values:
+            film = -np.expm1(-film / float(values["full"]))
         if "slant" in values:
             film = film * _axis_cosine(view) ** -float(values["slant"])
         depth = float(values["depth"])
@@ -156,7 +163,8 @@ class WindowFrost(LightFactor):
         soaks = variant.options.get("settles_at")
         held = f"; {column} steps at {soaks} of the way from a step's rows to the next one's" if soaks else ""
         aslant = " / cos(field angle)^slant" if "aslant" in variant.options else ""
-        return f"{channel} *= exp(-(depth + lean * height) * F{aslant}); {film}{held}"
+        share = "(1 - exp(-F / full))" if "covers" in variant.options else "F"
+        return f"{channel} *= exp(-(depth + lean * height) * {share}{aslant}); {film}{held}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Loss and onset."""
