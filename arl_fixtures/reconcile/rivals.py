@@ -222,7 +222,11 @@ def is_outdone(
         if not np.array_equal(state[name], untouched[name], equal_nan=True):
             continue
         law, chosen = search_law(looker, d, state, leading_of(d))
-        least = pattern.gain + max(BEATEN_PATTERN, BEATEN_SHARE * pattern.gain)
+        gain = pattern.gain
+        if pattern.term.effect.sparse:  # found by its answers, it darkens the light as well
+            darker = forward([*terms, pattern.term], problem.view)
+            gain = max(gain, d.fit_scatter(d.residual(darker))[0] - d.fit_scatter(d.residual(state))[0])
+        least = gain + max(BEATEN_PATTERN, BEATEN_SHARE * gain)
         if chosen.z > LEAST_Z and chosen.plain > least and not set(law.drivers) <= PIXEL_COLUMNS:
             return True
     return False

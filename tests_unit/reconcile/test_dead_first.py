@@ -116,3 +116,20 @@ def test_what_dead_pixels_scatter_has_no_cause_of_its_own(tmp_path, make_table, 
     table[name], table[f"{name}_std"] = np.where(dead, 0.0, table[name]), np.where(dead, 0.0, spread)
     (found,) = diagnose(load_table(save(tmp_path / "table.parquet", table)))[0].findings
     assert found.effect == "detector.dead_pixels"
+
+
+def test_pixels_whose_answers_fail_are_dead_though_their_light_has_a_law(tmp_path, make_table, save, knows_only):
+    """Neighbours in one device break one by one and report nothing: a law of place and cycle nearly says so."""
+    knows_only(*RIVALS)
+    table, rng = make_table(85, None, steps=24), np.random.default_rng(3)
+    table["cycle"], table["step"] = np.floor(table["step"] / 4.0), np.mod(table["step"], 4.0)
+    breaks = zip(np.unique(table["pixel_u"]), (3, 3, 4, 4, 5), strict=False)
+    gone = [(table["pixel_u"] == u) & (table["cycle"] >= first) for u, first in breaks]
+    silent = (table["dut"] == "S1") & np.any(gone, axis=0)
+    table["valid_fraction"] = np.where(silent, 0.0, rng.binomial(10, 0.995, silent.size) / 10.0)
+    table["sim_valid_fraction"] = np.full(silent.size, 0.995)
+    table["sim_valid_fraction_std"] = np.full(silent.size, 0.07)
+    table["intensity_counts"] = np.where(silent, 0.0, table["intensity_counts"])
+    table["distance_m"] = np.where(silent, np.nan, table["distance_m"])
+    (found,) = diagnose(load_table(save(tmp_path / "table.parquet", table)))[0].findings
+    assert found.effect == "detector.dead_pixels"
