@@ -28,7 +28,7 @@ MOST_JUDGED = 16
 """Candidates of a round that are judged on all rows: those that rank first on a part of them."""
 MOST_FAILED = 3
 """Times that the best candidates of all may fail on unseen blocks before a search ends."""
-FURTHER_EVIDENCE = 3.0
+FURTHER_EVIDENCE = 6.0
 """What a further term must earn beyond its price: of hundreds beside a good first one some earn a little."""
 
 

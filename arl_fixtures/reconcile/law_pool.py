@@ -262,7 +262,7 @@ def marks_of(looker: Looker) -> list[Axis]:
         if len(levels) == 2:
             width = float(levels[1] - levels[0])
             marks += [Axis(column=name, kind="linear", middle=float(x), width=width) for x in levels]
-        elif 2 < len(levels) <= FEW_SETTINGS and not is_proxy(name):
+        elif 2 < len(levels) <= FEW_SETTINGS and not is_proxy(name) and name != "cycle":  # what ages goes on
             few += [Axis(column=name, kind="is", at=float(x), label=f"{x:g}") for x in levels]  # gains, exposures
     return [*marks, *few][:MOST_MARKS]
 
