@@ -14,7 +14,7 @@ def cracked_ball(seed, cycles):
     crack, late = 0.1, []
     for cycle in range(int(max(cycles)) + 1):
         if cycle in cycles:
-            late.append(3e-2 * (crack - 0.1))
+            late.append(1.5e-2 * (crack - 0.1))
         crack += 1.5e-3 * crack**0.8
     number, step, pixel = (
         a.ravel() for a in np.meshgrid(np.arange(len(cycles)), np.arange(6), np.arange(160), indexing="ij")
