@@ -175,6 +175,8 @@ def _beating(work: Work, signal: Axis) -> Iterator[Basis]:
 def _of_bits(work: Work, looker: Looker, signal: Axis | None) -> Iterator[Basis]:
     """Errors of a converter's bits, of one and of two, as many codes to bright and dark."""
     channel = work.data.channel.name
+    if f"sim_{channel}" not in work.features:
+        return
     weights, scatter = weights_of(looker.problem.view, channel)
     amount = (signal,) if signal else ()
     bits = [

@@ -50,15 +50,17 @@ START_GAIN = 3.0
 
 AS_WELL = 1.5
 """Log-likelihood on unseen blocks by which a law fits as well as another one whose zero says less."""
-LAW_GAIN = 9.0
+LAW_GAIN = 8.0
 """Log-likelihood that a law must gain on unseen blocks where nothing else tells of a mismatch."""
 LEAST_ROWS = 2.5
 """Rows, each counting by its part, from which the gain must come: any law of three factors hits two wild ones. A
 false alarm came from 2.0, what a stage's error does at a few edges from 2.8, other faint laws from 5.3."""
-LIKELIER, LIKELIER_SHARED, LIKELIER_BESIDE = 4.0, 0.5, 6.0
+LIKELIER, LIKELIER_SHARED, LIKELIER_BESIDE = 1.5, 0.5, 6.0
 """Marginal likelihood of a whole law, less its price, that tells of a mismatch. A law of what steps share needs next
-to none: its gain is already that of a test which knows how few they are. Of 122 null tables one exceeds these (a law
-on a scatter). Beside a name, whose shape is never quite right, more."""
+to none: its gain is already that of a test which knows how few they are. In 107 null tables three laws had any terms,
+none of them both this and `LAW_GAIN`. Beside a name, whose shape is never quite right, more."""
+FEW_BLOCKS = 4.0
+"""The least of these from which fewer blocks may say so."""
 LEAST_Z, FEW_Z = 1.7, 1.5
 """Significance over blocks from which several say so; twice the likelihood where it is two blocks or three of a few
 (a single one comes to 1)."""
@@ -73,11 +75,12 @@ def is_law(chosen: Chosen, *, beside: bool = False) -> bool:
         return False
     usual = LIKELIER_SHARED if chosen.shared else LIKELIER
     least = LIKELIER_BESIDE if beside else usual
-    if not chosen.shared and chosen.likelier > WITHIN * least:
+    few = max(least, FEW_BLOCKS)
+    if not chosen.shared and chosen.likelier > WITHIN * few:
         return True
     if chosen.z > LEAST_Z:
         return chosen.likelier > least
-    return chosen.z > FEW_Z and chosen.likelier > 2.0 * max(least, LIKELIER)
+    return chosen.z > FEW_Z and chosen.likelier > 2.0 * few
 
 
 def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequence[str]) -> tuple[Law, Chosen]:
