@@ -42,13 +42,17 @@ def turns(leans: FloatArray) -> bool:
     return bool(np.nanmin(leans) < -LEAST_TURN and np.nanmax(leans) > LEAST_TURN)
 
 
-def play_of(view: View) -> dict[str, FloatArray]:
-    """`~play(X)` of the temperature that a bench drives, on the rows of a view; none where it has no order."""
+def play_of(view: View, temperature: str = "") -> dict[str, FloatArray]:
+    """`~play(X)` of a temperature, by default the one that a bench drives, on the rows of a view.
+
+    None where it never moves, or where nothing tells in which order it was where.
+    """
     temperatures, order = view.temperatures(), next((n for n in ("step", "time_s") if view.varies(n)), "")
     driven = [name for word in _BODIES for name in temperatures if word in name.split("_")]
-    if not driven or not order:
+    name = temperature if temperature in temperatures else next(iter(driven), "") if not temperature else ""
+    if not name or not order:
         return {}
-    table, name = view.columns, driven[0]
+    table = view.columns
     node_c, place = table.numbers[name], table.numbers[order]
     good = np.isfinite(node_c) & np.isfinite(place)
     run, condition = table.group("dut", "cycle"), table.group("dut", "cycle", order)

@@ -4,7 +4,9 @@ import json
 
 import numpy as np
 import pyarrow.parquet as pq
+import pytest
 
+from arl_fixtures.errors import DataError
 from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.command import predict, reconcile
 from arl_fixtures.reconcile.features import features_of
@@ -68,6 +70,26 @@ def test_what_sticks_is_told_by_the_way_of_the_temperature_and_foretold_for_othe
         for x in (said, unseen["sim_intensity_counts"])
     )
     assert 1.0 - left / before > 0.75
+
+
+def test_a_table_to_be_predicted_needs_the_temperature_whose_way_counts(save, tmp_path):
+    seen, _ = seated_lens(3, up_and_down(80.0, 15.0), cycles=4)
+    reconcile(save(tmp_path / "t.parquet", seen), tmp_path / "out")
+    unseen, _ = seated_lens(4, up_and_down(65.0, 21.0), cycles=1)
+    simulated = {name: values for name, values in unseen.items() if name != "intensity_counts"}
+
+    def foretold(name, **columns):
+        path = save(tmp_path / f"{name}.parquet", {**simulated, **columns})
+        predict(tmp_path / "out", path, tmp_path / "said.parquet")
+        return pq.read_table(tmp_path / "said.parquet")["corrected_intensity_counts"].to_numpy()
+
+    own = foretold("own")
+    assert np.array_equal(own, foretold("other", case_temperature_c=simulated["ambient_temperature_c"]))
+    still = foretold("still", **{HOUSING: np.full(own.size, 25.0)})
+    assert np.allclose(still / simulated["sim_intensity_counts"], (still / simulated["sim_intensity_counts"])[0])
+    del simulated[HOUSING]
+    with pytest.raises(DataError, match=f"lacks column '{HOUSING}'"):
+        foretold("lacking")
 
 
 def leans(save, tmp_path, name, **columns):
