@@ -254,7 +254,7 @@ class ChannelData:
     def _level_scatter(
         self, centred: FloatArray, count: float, level: Level, partial: Whitener, lost: float
     ) -> tuple[float, float]:
-        step = next((other for other in self.levels if other.name == "step"), None)
+        step = self.level("step")
         beside = level.name == "frame" or (level is not step and step is not None and level.is_crossed(step))
         if step is not None and beside:
             own = self.scale if self.calibrated and step.scale is not self.scale else None

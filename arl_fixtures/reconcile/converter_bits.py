@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.effects_common import per_view
 from arl_fixtures.reconcile.roles import Role, unit_of
 from arl_fixtures.reconcile.view import View
 
@@ -39,6 +40,10 @@ def weights_of(view: View, channel: str) -> tuple[FloatArray, float]:
 
     A count is a code. No weights where the channel is no signal in counts, or has no such bits.
     """
+    return per_view(view, ("bits", channel), lambda: _find_weights(view, channel))
+
+
+def _find_weights(view: View, channel: str) -> tuple[FloatArray, float]:
     errors, none = f"sim_{channel}_std", (np.zeros(0), 0.0)
     is_signal = any(c.name == channel for c in view.channels(Role.INTENSITY))
     if not (is_signal and unit_of(channel) == "counts"):

@@ -48,7 +48,8 @@ def bands_of(work: Work, names: Sequence[str], lines: Sequence[Axis]) -> Iterato
     """
     parted = {name: part for name in {*names, *(n for pair in SIDES for n in pair)} if (part := _parted(work, name))}
     factors: list[Axis | None] = [None, *lines[:MOST_LINES]]
-    boxes = next((pair for pair in SIDES if all(n in parted for n in pair)), ())
+    sides = next((pair for pair in SIDES if all(n in parted for n in pair)), ())
+    boxes = _Boxes(parted[sides[0]], parted[sides[1]]) if sides else None
     for line in factors:
         direction = work.direction * (1.0 if line is None else line(work.features))
         more, price = ((line,), PRICE_PRODUCT) if line is not None else ((), 0.0)
@@ -59,12 +60,12 @@ def bands_of(work: Work, names: Sequence[str], lines: Sequence[Axis]) -> Iterato
             if band is not None:
                 extra = price_of((name, *(a.column for a in more)))
                 yield Basis(axes=(_axis(parted[name], band), *more), price=PRICE_BAND + price + extra)
-        if boxes and (line is None or line.column not in boxes):
-            box = _box(parted[boxes[0]], parted[boxes[1]], direction, work.residual)
+        if boxes is not None and (line is None or line.column not in sides):
+            box = boxes.best(direction, work.residual)
             if box is not None:
-                extra = price_of((*boxes, *(a.column for a in more)))
-                chosen = PRICE_BOX + PER_BOXES * box[2]
-                yield Basis(axes=(*box[:2], *more), price=chosen + price + extra)
+                extra = price_of((*sides, *(a.column for a in more)))
+                chosen = PRICE_BOX + PER_BOXES * float(np.log(boxes.count))
+                yield Basis(axes=(*box, *more), price=chosen + price + extra)
 
 
 def _parted(work: Work, name: str) -> _Parted | None:
@@ -111,30 +112,41 @@ def _running(code: IntArray, values: FloatArray, count: int) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(sums)])
 
 
-def _box(
-    one: _Parted, other: _Parted, direction: FloatArray, residual: FloatArray
-) -> tuple[Axis, Axis, float] | None:
-    """Bands of two columns that hold together best, and the logarithm of how many such boxes there are."""
-    there = (one.code >= 0) & (other.code >= 0)
-    shape = len(one.cuts) + 1, len(other.cuts) + 1
-    cell = one.code[there] * shape[1] + other.code[there]
-    bands = _pairs(shape[0]), _pairs(shape[1])
+class _Boxes:
+    """All boxes of two columns that are proper bands of both: their sums, and which one holds together best."""
 
-    def in_boxes(values: FloatArray) -> FloatArray:
-        sums = np.zeros((shape[0] + 1, shape[1] + 1))
-        sums[1:, 1:] = np.bincount(cell, values, minlength=shape[0] * shape[1]).reshape(shape).cumsum(0).cumsum(1)
-        (first, last), (start, stop) = bands
-        rows = sums[last] - sums[first]
-        return np.asarray(rows[:, stop] - rows[:, start])
+    def __init__(self, one: _Parted, other: _Parted) -> None:
+        self._parted = one, other
+        self._there = (one.code >= 0) & (other.code >= 0)
+        self._shape = len(one.cuts) + 1, len(other.cuts) + 1
+        self._cell = one.code[self._there] * self._shape[1] + other.code[self._there]
+        self._bands = _pairs(self._shape[0]), _pairs(self._shape[1])
+        self._allowed = self._sums(np.ones(len(one.code))) < WIDEST * len(one.code)
 
-    push, power = in_boxes((direction * residual)[there]), in_boxes((direction**2)[there])
-    rows = in_boxes(np.ones(len(cell)))
-    gain = np.where((power > 0.0) & (rows < WIDEST * len(direction)), push**2 / np.maximum(power, 1e-300), 0.0)
-    best = np.unravel_index(int(np.argmax(gain)), gain.shape)
-    if not gain[best] > 0.0:
-        return None
-    a, b = ((int(first[k]), int(last[k])) for (first, last), k in zip(bands, best, strict=True))
-    return _axis(one, a), _axis(other, b), float(np.log(gain.size))
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return self._allowed.size
+
+    def best(self, direction: FloatArray, residual: FloatArray) -> tuple[Axis, Axis] | None:
+        """The bands that hold together best."""
+        push, power = self._sums(direction * residual), self._sums(direction**2)
+        gain = np.where(self._allowed & (power > 0.0), push**2 / np.maximum(power, 1e-300), 0.0)
+        best = np.unravel_index(int(np.argmax(gain)), gain.shape)
+        if not gain[best] > 0.0:
+            return None
+        a, b = ((int(first[k]), int(last[k])) for (first, last), k in zip(self._bands, best, strict=True))
+        return _axis(self._parted[0], a), _axis(self._parted[1], b)
+
+    def _sums(self, values: FloatArray) -> FloatArray:
+        """Of values of rows, over every box: (bands of the one, bands of the other)."""
+        rows, columns = self._shape
+        sums = np.zeros((rows + 1, columns + 1))
+        cells = np.bincount(self._cell, values[self._there], minlength=rows * columns)
+        sums[1:, 1:] = cells.reshape(rows, columns).cumsum(0).cumsum(1)
+        (first, last), (start, stop) = self._bands
+        within = sums[last] - sums[first]
+        return np.asarray(within[:, stop] - within[:, start])
 
 
 def _pairs(count: int) -> tuple[IntArray, IntArray]:

@@ -67,7 +67,8 @@ def locate(looker: Looker, data: ChannelData, state: State) -> Place | None:
     features = {name: values[data.use] for name, values in looker.features.items()}
     step = looker.problem.groups.step[looker.problem.view.rows[data.use]]
     best = _own_in_steps(data, residual, features, step)
-    frame = next((level.code for level in data.levels if level.name == "frame"), None)
+    images = data.level("frame")
+    frame = None if images is None else images.code
     slopes: list[tuple[Axis, bool, _Sums]] = []
     for slope in _slopes(features, looker):
         if slope.column:

@@ -65,22 +65,23 @@ class WindowFrost(LightFactor):
                 memory: tuple[Parameter, ...] = ()
                 if record is not None:
                     most = max(float(_film(record, onset.starts[0], 1.0).max()), 1e-6)
-                    unit = "1/(hPa h)" if record.unit == "s" else "1/(hPa step)"
+                    unit = _film_unit(record)
+                    depths = _depths(f"1/({unit})", most)
                     rest = shape("melt", "1", 0.02, 50.0, 1.0), *_soak(record)
-                    yield self._variant(view, {**options, "kind": "balance"}, (*_depths(unit, most), onset, *rest))
+                    yield self._variant(view, {**options, "kind": "balance"}, (*depths, onset, *rest))
                     yield from self._from_moist_air(view, options)
                     first = replace(onset, starts=onset.starts[:1])
-                    full = shape("full", unit[3:-1], 0.01 * most, 2.0 * most, 0.1 * most)
+                    full = shape("full", unit, 0.01 * most, 2.0 * most, 0.1 * most)
                     told = {**options, "kind": "balance", "covers": True}
                     yield self._variant(view, told, (*_depths("1", 1.0), first, *rest, full))
                     if float(_axis_cosine(view).min()) < _NARROW:
                         slant = shape("slant", "1", 0.0, 2.0, 1.0)
                         told = {**options, "kind": "balance", "aslant": True}
-                        yield self._variant(view, told, (*_depths(unit, most), first, *rest, slant))
+                        yield self._variant(view, told, (*depths, first, *rest, slant))
                     jump = settles_at(view, column)
                     if jump is not None:
                         told = {**options, "settles_at": jump}
-                        yield self._variant(view, {**told, "kind": "balance"}, (*_depths(unit, most), first, *rest))
+                        yield self._variant(view, {**told, "kind": "balance"}, (*depths, first, *rest))
                         yield from self._from_moist_air(view, told)
                     longest = record.interval * record.values.shape[1]
                     unit = record.unit
@@ -98,10 +99,10 @@ class WindowFrost(LightFactor):
                 continue
             most = float(_film(record, moist.values, 1.0).max())
             if most > 0.0:
-                unit = "1/(hPa h)" if record.unit == "s" else "1/(hPa step)"
                 margin, melt = shape("margin", "K", -8.0, 8.0, 0.0, 4.0), shape("melt", "1", 0.02, 50.0, 1.0)
                 told: dict[str, Option] = {**options, "kind": "dew point", "dew": dew}
-                yield self._variant(view, told, (*_depths(unit, most), margin, melt, *_soak(record)))
+                depths = _depths(f"1/({_film_unit(record)})", most)
+                yield self._variant(view, told, (*depths, margin, melt, *_soak(record)))
 
     def _variant(self, view: View, options: dict[str, Option], parameters: tuple[Parameter, ...]) -> Variant:
         column, channel = str(options["temperature"]), str(options["channel"])
@@ -204,6 +205,11 @@ def _depths(unit: str, film: float) -> tuple[Parameter, Parameter]:
         amplitude("depth", unit, 0.0, 30.0 / film, 0.1 / film),
         amplitude("lean", unit, -15.0 / film, 15.0 / film, 0.02 / film),
     )
+
+
+def _film_unit(record: History) -> str:
+    """Unit of a film: vapour pressure that exceeds saturation, over time."""
+    return "hPa h" if record.unit == "s" else "hPa step"
 
 
 def _axis_cosine(view: View) -> FloatArray:
