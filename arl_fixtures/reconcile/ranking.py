@@ -17,7 +17,7 @@ from arl_fixtures.reconcile.robust import robust_gain
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.screen import Candidate
 from arl_fixtures.reconcile.side_scatter import Side
-from arl_fixtures.reconcile.small_problem import steps_alike
+from arl_fixtures.reconcile.small_problem import START_SHARES, steps_alike
 from arl_fixtures.reconcile.terms import Term, forward
 
 POLISHED = 6
@@ -101,9 +101,11 @@ def _best_start(small: Problem, base: Fit, candidate: Candidate) -> Fit:
     """Fit with the scatter that steps seem to have, and with less: what is to be explained may pass for it."""
     terms = (*base.terms, within_reach(small, base.terms, candidate.term))
     best = finish(small, fit(small, terms, rounds=8))
-    with steps_alike(small, forward(base.terms, small.view)) as handicap:
-        other = fit(small, terms, rounds=8) if handicap > 0.0 else None
-    if other is not None:
-        again = finish(small, fit(small, other.terms, rounds=0))
-        best = again if again.log_likelihood > best.log_likelihood else best
+    state = forward(base.terms, small.view)
+    for share in START_SHARES:
+        with steps_alike(small, state, share) as handicap:
+            other = fit(small, terms, rounds=8) if handicap > 0.0 else None
+        if other is not None:
+            again = finish(small, fit(small, other.terms, rounds=0))
+            best = again if again.log_likelihood > best.log_likelihood else best
     return best

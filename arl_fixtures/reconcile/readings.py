@@ -67,12 +67,19 @@ def smooth_readings(columns: Columns, names: list[str] | None = None) -> list[st
 
 
 def _images_of(columns: Columns) -> _Images | None:
-    """Images of steps that hold enough of them; None where steps or times are lacking."""
-    time = columns.numbers.get("time_s")
-    if time is None or "step" not in columns.numbers or not np.isfinite(time).all():
+    """Images of steps that hold enough of them; None where steps are lacking, or some times.
+
+    Where nobody wrote times each row is one, in the order of the table.
+    """
+    if "step" not in columns.numbers:
+        return None
+    time, image = np.arange(float(columns.n)), np.arange(columns.n)
+    if "time_s" in columns.numbers:
+        time = columns.numbers["time_s"]
+        image = np.unique(columns.group("dut", "cycle", "step", "time_s"), return_inverse=True)[1].astype(np.int64)
+    if not np.isfinite(time).all():
         return None
     step = columns.group("dut", "cycle", "step")
-    image = np.unique(columns.group("dut", "cycle", "step", "time_s"), return_inverse=True)[1].astype(np.int64)
     first = np.unique(image, return_index=True)[1].astype(np.int64)
     count = np.bincount(step[first])
     if np.median(count[count > 0]) < FEWEST_READINGS:

@@ -242,7 +242,9 @@ class Search:
         """The fit with what a round has chosen; its base where that is nothing."""
         if stage.chosen is None:
             return stage.base
-        best = fit(self.full, settle(self, stage.chosen.fit, stage).terms, rounds=4)
+        settled = settle(self, stage.chosen.fit, stage)
+        self.full.refit_scatter(settled.state, lost=float(len(settled.keys)))  # those that hid it would draw it back
+        best = fit(self.full, settled.terms, rounds=4)
         self._look_again(best)
         best = finish(self.full, fit(self.full, best.terms, rounds=4))
         self.gains = gains_of(self.full, best)  # with the scatters that it leaves, not with those that hid it

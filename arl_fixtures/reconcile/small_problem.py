@@ -15,6 +15,9 @@ from arl_fixtures.reconcile.sampling import draw_rows
 SMALL_ROWS = 14_000
 STEP_SHARE, LARGE_STEPS = 0.3, 1.5
 """Share of the steps' scatter with which candidates are screened anew, where it is that much larger than stated."""
+START_SHARES = (STEP_SHARE, 0.0)
+"""Shares from which they are fitted: a law may be all of what steps seem to scatter, and rows whose temperature was
+read a little off hold it back while steps count for next to nothing."""
 
 
 def small_part(full: Problem) -> Problem:
@@ -39,8 +42,9 @@ def small_part(full: Problem) -> Problem:
 
 
 @contextmanager
-def steps_alike(problem: Problem, state: State) -> Iterator[float]:
-    """A problem with a smaller scatter of the steps where it is large; yields what that costs a state."""
+def steps_alike(problem: Problem, state: State, share: float = STEP_SHARE) -> Iterator[float]:
+    """A problem with a share of the steps' scatter where it is large, at least what is stated or as little as their
+    rows leave uncertain; yields what that costs a state."""
     handicap = 0.0
     with problem.keeping_scatters():
         for d in problem.data:
@@ -49,7 +53,7 @@ def steps_alike(problem: Problem, state: State) -> Iterator[float]:
             if tau.get("step", 0.0) < LARGE_STEPS * least:
                 continue
             before = d.likelihood(d.residual(state))
-            d.rebuild({**tau, "step": max(STEP_SHARE * tau["step"], least)})
+            d.rebuild({**tau, "step": max(share * tau["step"], least)})
             handicap += before - d.likelihood(d.residual(state))
         yield handicap
 

@@ -88,3 +88,35 @@ def test_four_steps_are_too_few_to_tell_their_scatter(seed):
 def test_three_steps_tell_something_where_a_gauge_study_found_no_scatter(repeat, found):
     table = avalanche_table(12, 6e-3, 0.0, temperature=(-10.0, 35.0, 80.0), repeat=repeat)
     assert len(diagnose(table)[0].findings) == found
+
+
+def start_pulse_table(seed, read):
+    """A rangefinder whose start pulse comes later the warmer its driver is; `read` logs each step's temperature."""
+    rng = np.random.default_rng(seed)
+    step = np.repeat(np.arange(STEPS), ROWS)
+    temperature = np.linspace(-5.0, 85.0, STEPS)
+    distance = rng.uniform(1.0, 6.0, step.size)
+    # an RC stage of 100 Ω whose capacitance grows with temperature crosses half its supply after R C ln 2
+    capacitance = 1e-9 * (1.0 + 1.9e-4 * (temperature - 25.0))
+    late = 0.5 * 299_792_458.0 * 100.0 * np.log(2.0) * (capacitance - 1e-9)
+    return columns_of(pa.table({
+        "step": step, "tof_temperature_c": temperature[step] + read(rng),
+        "true_range_m": distance, "sim_distance_m": distance, "sim_distance_m_std": np.full(step.size, 2e-3),
+        "distance_m": distance + late[step] + 2e-3 * rng.normal(size=step.size),
+    }))  # fmt: skip
+
+
+def scatter(rng):
+    return 0.4 * rng.normal(size=STEPS * ROWS)
+
+
+def swing(_rng):
+    """A thermometer in the air of a room whose heating cycles: the driver's own body does not follow."""
+    return 0.2 * np.sin(2.0 * np.pi * np.tile(np.arange(ROWS), STEPS) / 30.0)
+
+
+@pytest.mark.parametrize("read", [scatter, swing])
+def test_readings_off_by_themselves_hide_no_drift_of_centimetres(read):
+    """All of the drift seems to be steps' scatter: as long as they count for nothing, rows say that there is none."""
+    (finding,) = diagnose(start_pulse_table(21, read))[0].findings
+    assert finding.effect == "timing.temperature_offset"

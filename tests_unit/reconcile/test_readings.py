@@ -65,3 +65,17 @@ def test_a_log_without_scatter_and_a_table_without_times_stay():
     table, _ = bench(noisy, lambda body, _logged: body)
     del table.numbers["time_s"]
     assert smooth_readings(table) == []
+
+
+def test_where_no_times_were_written_each_row_is_a_reading():
+    rng = np.random.default_rng(3)
+    step = np.repeat(np.arange(STEPS), 40)
+    body = 7.0 * step
+    distance = rng.uniform(1.0, 6.0, step.size)
+    numbers = {
+        "step": step.astype(float), "tof_temperature_c": body + 0.3 * rng.normal(size=step.size),
+        "sim_distance_m": distance, "distance_m": distance + 1e-4 * body + 2e-3 * rng.normal(size=step.size),
+    }  # fmt: skip
+    table = Columns(n=step.size, numbers=numbers, categories={}, channels=find_channels(set(numbers)))
+    assert smooth_readings(table) == ["tof_temperature_c"]
+    assert np.std(View(table).number("tof_temperature_c") - body) < 0.1
