@@ -40,6 +40,9 @@ _MOVED_BETWEEN: tuple[tuple[str, ...], ...] = (("step",), ("cycle", "step"))
 """Columns between whose values a scanner may have been moved, those tried first that part a table least."""
 _LEVEL = 5e-3
 """Difference of cos(incidence) and sin(elevation) up to which a ray meets a floor or a ceiling."""
+_UNIT, _AS_MET = 0.02, 0.02
+"""Error of a unit normal's length up to which neighbours tell it, and by how much, against 1/range, a plane may lean
+otherwise than it is met."""
 _RIDGE = 1e-6
 _FARTHEST, _MOST_LOG = 2.0, 4.0
 """Factor by which a turned ray's range may change, and the logarithm of that of its light."""
@@ -121,7 +124,7 @@ def _make(view: View, sign: float) -> Room | None:
         return None
     everywhere = directions(view, sign)  # a stage turns rays to where others looked before
     far = table.numbers[f"sim_{distances(view)[0]}"]
-    place, code = _places(view, everywhere, far)
+    place, code = places_and_rays(view, everywhere, far)
     rays = np.unique(np.where(np.isfinite(far) & (far > 0.0), code, -1), return_index=True)
     first = rays[1][rays[0] >= 0]
     if not _FEWEST_RAYS <= first.size <= _MOST_RAYS:
@@ -140,7 +143,8 @@ def _make(view: View, sign: float) -> Room | None:
         with np.errstate(invalid="ignore", divide="ignore"):
             target = 1.0 / table.numbers[f"sim_{name}"][first]
         target = np.where(np.isfinite(target), target, np.nan)
-        slope = _level(view, first, direction, target, _slopes(direction, near, target))
+        slope = _as_met(view, first, direction, near, target, _slopes(direction, near, target))
+        slope = _level(view, first, direction, target, slope)
         slope = _of_surfaces(view, first, direction, target, place[first], slope)
         if not slopes:
             rival, fold = _edges(slope, direction, near)
@@ -152,7 +156,7 @@ def _make(view: View, sign: float) -> Room | None:
     return Room(sign, slopes, beyond, brighter, np.where(known[code], fold[of_code[code]], 0.0))
 
 
-def _places(view: View, rays: FloatArray, far: FloatArray) -> tuple[IntArray, IntArray]:
+def places_and_rays(view: View, rays: FloatArray, far: FloatArray) -> tuple[IntArray, IntArray]:
     """Where each row's scanner stands, and which rows look from there along one ray, as numbers of the whole table.
 
     A device stands still but where its rays see other ranges at another step: it was moved between them.
@@ -239,6 +243,33 @@ def _slopes(direction: FloatArray, near: IntArray, target: FloatArray) -> FloatA
     whole = slope + (own - across)[:, None] * direction  # m·d is the own value, the rest of m the slope across
     flattest = _flattest(whole, rays, rest, own, size, near)
     return np.asarray(whole[flattest])
+
+
+def _as_met(
+    view: View, rows: IntArray, direction: FloatArray, near: IntArray, target: FloatArray, slope: FloatArray
+) -> FloatArray:
+    """Planes of rays, no steeper than these meet their surfaces: on rough ones neighbours lean by their bumps.
+
+    cos(incidence) = n·d is linear in the ray's direction wherever the unit normal n is the same, however far shelves
+    and bumps stand back: where neighbours tell such a normal, m = n / (R cos(incidence)). Else the part of m across a
+    ray is at most tan(incidence) times that along it.
+    """
+    facing = view.columns.numbers.get("incidence_deg")
+    if facing is None:
+        return slope
+    cosine = np.cos(np.radians(facing[rows]))
+    along = np.where(np.isfinite(target), target, 0.0)[:, None] * direction
+    across = slope - along
+    normal = _slopes(direction, near, cosine)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        lean, most = np.linalg.norm(across, axis=1), np.abs(target * np.tan(np.radians(facing[rows])))
+        by_normal = normal * (target / cosine)[:, None]
+        sure = np.abs(np.linalg.norm(normal, axis=1) - 1.0) < _UNIT
+        share = np.minimum(most / lean, 1.0)
+        wrong = np.abs(lean - most) > _AS_MET * np.hypot(most, target)
+    capped = along + np.where(np.isfinite(share), share, 1.0)[:, None] * across
+    told = (sure & wrong & np.isfinite(by_normal).all(axis=1))[:, None]
+    return np.asarray(np.where(told, by_normal, capped))
 
 
 def _level(view: View, rows: IntArray, direction: FloatArray, target: FloatArray, slope: FloatArray) -> FloatArray:

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.effects_bench import bench_of
 from arl_fixtures.reconcile.effects_common import FloatArray, distances, per_table, per_view
+from arl_fixtures.reconcile.effects_illumination import turns_round
 from arl_fixtures.reconcile.effects_pointing import footprint_share
+from arl_fixtures.reconcile.effects_rings import beside_in_rings
 from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
@@ -21,8 +23,6 @@ BoolArray = NDArray[np.bool_]
 _LEAST_SHARE = 0.005
 _JUMP, _JUMP_GAPS = 0.05, 8.0
 """Share of the range, and usual differences of neighbours, by which ranges jump from one surface to another."""
-_NEXT = 1.5
-"""Usual gaps within which a ray is the next one: beyond, at least one is missing between."""
 _LOOKED_AT, _APART, _BETWEEN = 20_000, 0.02, 0.02
 _MOST_SURFACES, _MOST_KINDRED = 6, 24
 TOGETHER = " + "
@@ -69,7 +69,8 @@ def mixed_rows(view: View) -> BoolArray:
 def neighbours(view: View, name: str) -> list[tuple[IntArray, FloatArray]]:
     """Surface codes and values of a numeric column next to each row, −1 and NaN where there is none.
 
-    At the neighbouring pixels and stage angles; of a scanner that has neither, at the rays next in its ring.
+    At the neighbouring pixels and stage angles; of a scanner that has neither, at the rays next along its ring and
+    across.
     """
     codes = view.columns.categories["surface"][0]
     return [
@@ -83,28 +84,15 @@ def _beside(view: View) -> list[IntArray]:
 
     def find() -> list[IntArray]:
         found: list[IntArray] = []
+        if turns_round(view) and not view.varies("stage_angle_deg"):
+            return beside_in_rings(view)
         if view.varies("pixel_u") or view.varies("pixel_v"):
             found += [view.neighbour_place(du=du, dv=dv) for du, dv in ((-1, 0), (1, 0), (0, -1), (0, 1))]
         if view.varies("stage_angle_deg"):
             found += [view.sweep_place(steps) for steps in (-1, 1)]
-        if not found and view.varies("azimuth_deg"):
-            found += [
-                per_table(view, ("next in ring", steps), partial(_next_in_ring, view, steps))[view.rows]
-                for steps in (-1, 1)
-            ]
-        return found
+        return beside_in_rings(view) if not found and view.varies("azimuth_deg") else found
 
     return per_view(view, "beside", find)
-
-
-def _next_in_ring(view: View, steps: int) -> IntArray:
-    """Whole-table row of the ray next in azimuth at the same elevation, −1 where there is none near."""
-    table = view.columns
-    order = table.numbers["azimuth_deg"]
-    ring = table.group("dut", "cycle", "step", "elevation_deg")
-    place = table.following(("ring", steps), ring, order, steps)
-    gap = np.where(place >= 0, np.abs(order[place] - order), np.nan)
-    return np.where(gap < _NEXT * np.nanmedian(gap), place, -1) if np.isfinite(gap).any() else place
 
 
 def light_share(view: View, channel: str, surface: str) -> FloatArray:

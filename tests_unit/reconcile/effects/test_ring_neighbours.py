@@ -77,4 +77,23 @@ def test_a_hole_in_a_ring_is_no_border():
     assert at.any()
     assert np.abs(view.number("azimuth_deg")[at] - BOX_DEG).min() > 3.0
     assert np.mean(at) < 0.15
-    assert all((codes >= 0).mean() > 0.9 for codes, _ in neighbours(view, "sim_distance_m"))
+    along = neighbours(view, "sim_distance_m")[:2]
+    assert all((codes >= 0).mean() > 0.9 for codes, _ in along)
+
+
+def test_rays_that_an_image_lacks_are_those_of_the_others():
+    """Of ten images of a scene at rest each holds every fifth ray of a ring, and hardly two next to each other."""
+    rng = np.random.default_rng(3)
+    image, ring, place = (a.ravel() for a in np.meshgrid(np.arange(10), np.arange(8), np.arange(90), indexing="ij"))
+    kept = rng.random(image.size) < 0.2
+    azimuth, elevation = 4.0 * place[kept] - 180.0, 2.0 * ring[kept] - 7.0
+    near = (azimuth > 0.0) ^ (elevation > 0.0)
+    numbers = {"step": image[kept], "azimuth_deg": azimuth, "elevation_deg": elevation,
+               "sim_distance_m": np.where(near, 3.0, 5.0), "distance_m": np.where(near, 3.0, 5.0)}  # fmt: skip
+    view = View(make_columns(numbers, {})[0])
+    azimuth, elevation = view.number("azimuth_deg"), view.number("elevation_deg")
+    expected = (np.abs(np.abs(azimuth) - 2.0) < 3.0) | (np.abs(np.abs(elevation) - 1.0) < 0.5)
+    expected |= azimuth == 0.0
+    at = borders(view)
+    assert np.mean(at[expected]) > 0.8
+    assert not at[~expected & (azimuth > -175.0) & (azimuth < 175.0)].any()

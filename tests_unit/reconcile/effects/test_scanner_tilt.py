@@ -78,3 +78,34 @@ def test_a_camera_has_no_room_and_beams_all_around_have_one_with_numbers_or_with
     assert room_of(View(view.columns), 1.0) is not None  # as remembered of the table
     view.columns.memo.clear()
     assert room_of(View(view.columns), 1.0) is None
+
+
+def shelves(pitch, seed=4):
+    """A room full of shelves: fronts parallel to the walls, each 4° by 6° of them at a depth of its own."""
+    rng = np.random.default_rng(seed)
+    azimuth, elevation = rng.uniform(-180.0, 180.0, 3000), rng.uniform(-15.0, 15.0, 3000)
+    depth = rng.uniform(0.9, 1.0, (90, 6))
+    az, el = np.radians(azimuth), np.radians(elevation)
+    ray = np.stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)])
+    made = {"azimuth_deg": azimuth, "elevation_deg": elevation}
+    for name, raised in (("sim_", 0.0), ("", pitch)):
+        there = turned(ray, 0.0, raised, 0.0)
+        around, up = np.degrees(np.arctan2(there[1], there[0])), np.degrees(np.arcsin(there[2]))
+        far, cosine = ways(there)
+        front = depth[((around + 180.0) // 4.0).astype(int) % 90, ((up + 18.0) // 6.0).astype(int)]
+        level = HIGH[2] / np.maximum(np.abs(np.sin(np.radians(up))), 1e-9) * 0.7 <= far  # floor and ceiling are bare
+        made[f"{name}distance_m"] = far * np.where(level, 1.0, front)
+        made[f"{name}intensity_counts"] = 3000.0 * cosine / made[f"{name}distance_m"] ** 2
+        if name:
+            made["incidence_deg"] = np.degrees(np.arccos(cosine))
+    return View(columns_of(pa.table(made)))
+
+
+def test_shelves_lean_no_more_than_their_fronts_are_met():
+    """Neighbours on other shelves would have a front lean by what these stand back."""
+    view = shelves(-0.02)
+    state = corrected(view, variant_of(view, "mount.tilt"), pitch=-0.02)
+    change = np.abs(view.number("distance_m") - view.sim["distance_m"])
+    off = np.abs(state["distance_m"] - view.number("distance_m"))
+    same = change < 0.02  # looks at the same front
+    assert np.sqrt(np.mean(off[same] ** 2)) < 0.5 * np.sqrt(np.mean(change[same] ** 2))
