@@ -247,6 +247,13 @@ class Effect(ABC):
         """Whether hardly any part works like that: what explains about as much in a usual size is named instead."""
         return False
 
+    def unsure(self, variant: Variant, view: View) -> NDArray[np.bool_] | None:
+        """Rows that it may move by what the table does not tell, and `apply` leaves alone; None for none, shape (n,).
+
+        What is left there is the effect's own affair: it must not call for another one.
+        """
+        return None
+
     def says_as_well(self, variant: Variant) -> tuple[str, ...]:
         """Ids that mean the same in the way in which a variant acts, whatever tells their laws apart."""
         return ()

@@ -222,9 +222,10 @@ def hold_back_edges(problem: Problem, found: Fit) -> None:
     Which ray has crossed an edge hangs on the last digits of angles and temperatures. Rows that a fifth more or less
     of a rough term would change, or that it changes much, and that still lie off are its own error: they must not
     call for another effect. Nor must rows that see two surfaces, of which a term changes one: by which part of the
-    light that does is known from the neighbours only.
+    light that does is known from the neighbours only. Nor those of which a term says that the table does not tell.
     """
     _hold_back_mixed(problem, found)
+    _hold_back_unsure(problem, found)
     rough = [k for k, term in enumerate(found.terms) if term.effect.displaces or term.variant.rough]
     if not rough:
         return
@@ -267,6 +268,20 @@ def _hold_back_mixed(problem: Problem, found: Fit) -> None:
         if held.any():
             d.trust = np.where(held, np.minimum(d.trust, (KEPT_Z / np.maximum(left, KEPT_Z)) ** 2), d.trust)
             d.rebuild(d.tau)
+
+
+def _hold_back_unsure(problem: Problem, found: Fit) -> None:
+    """Limit the weight of rows that a term may move by what the table does not tell."""
+    for term in found.terms:
+        unsure = term.effect.unsure(term.variant, problem.view)
+        if unsure is None:
+            continue
+        for d in problem.data:
+            if d.channel.name in term.variant.channels:
+                left = np.abs(d.residual(found.state)) / (d.stated * d.spread)
+                held = unsure[d.use] & (left > KEPT_Z)
+                d.trust = np.where(held, np.minimum(d.trust, (KEPT_Z / np.maximum(left, KEPT_Z)) ** 2), d.trust)
+                d.rebuild(d.tau)
 
 
 def within_reach(problem: Problem, others: Sequence[Term], term: Term) -> Term:

@@ -21,12 +21,13 @@ class ImageGrid:
 
     Args:
         columns: the table.
+        image: picture that each row is in; the table's images where None.
 
     `u` and `v` are pixel column and row of each of its rows; 0 where a line sensor has none.
     """
 
-    def __init__(self, columns: Columns) -> None:
-        self._image = columns.group(*columns.image_columns)
+    def __init__(self, columns: Columns, image: IntArray | None = None) -> None:
+        self._image = columns.group(*columns.image_columns) if image is None else image
         self.u, self.v = (self._axis(columns, name) for name in ("pixel_u", "pixel_v"))
         self._low = float(np.nanmin(self.u)), float(np.nanmin(self.v))
         self._width, self._height = (

@@ -2,7 +2,8 @@
 
 The engine works on whole blocks of rows (a subset of a large table). Neighbours are looked up in the *whole* table:
 where a neighbour is not among the rows under work, its simulated value is taken and scaled by what earlier stages did
-to the row itself. So an effect is written once and never learns which rows are worked on.
+to the row itself. So an effect is written once and never learns which rows are worked on. Nor which an image lacks of
+a scene that stands still: those of other steps stand for them, scaled in the same way (see `still_scene`).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from arl_fixtures.reconcile.columns import Channel, Columns
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.image_grid import ImageGrid
 from arl_fixtures.reconcile.roles import Role, unit_of
+from arl_fixtures.reconcile.still_scene import at_angle, is_still, next_angle, still_grid
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -175,7 +177,8 @@ class View:
 
     def neighbour(self, state: State, channel: str, *, du: int, dv: int) -> FloatArray:
         """Value of the pixel `du` columns and `dv` rows further in the same image; NaN where there is none."""
-        return self.take(state, channel, self.neighbour_place(du=du, dv=dv))
+        place = self.neighbour_place(du=du, dv=dv)
+        return self.take(state, channel, place, own=self.columns.image_columns)
 
     def neighbour_number(self, name: str, *, du: int, dv: int) -> FloatArray:
         """A numeric column at the neighbouring pixel of the same image."""
@@ -185,12 +188,17 @@ class View:
         """Whole-table row of the neighbouring pixel of the same image, −1 where there is none."""
         if (du, dv) not in self._places:
             raster = self.raster()
-            self._places[du, dv] = raster.rows_at(self.frame(), raster.u[self.rows] + du, raster.v[self.rows] + dv)
+            u, v = raster.u[self.rows] + du, raster.v[self.rows] + dv
+            place = raster.rows_at(self.frame(), u, v)
+            if np.any(place < 0) and is_still(self.columns):
+                grid, picture = still_grid(self.columns)
+                place = np.where(place >= 0, place, grid.rows_at(picture[self.rows], u, v))
+            self._places[du, dv] = place
         return self._places[du, dv]
 
     def in_sweep(self, state: State, channel: str, *, steps: int) -> FloatArray:
         """Value of the same pixel `steps` stage angles further (by angle, not by time); NaN beyond the sweep."""
-        return self.take(state, channel, self.sweep_place(steps))
+        return self.take(state, channel, self.sweep_place(steps), own=self._sweep())
 
     def _sweep(self) -> tuple[str, ...]:
         """Columns that tell apart what the stage swept under one condition."""
@@ -202,7 +210,11 @@ class View:
         cell = self.columns.group(*self._sweep(), *self.columns.ray_columns)
         order = self.columns.numbers["stage_angle_deg"]
         place = self.columns.following(("sweep", steps), cell, order, steps)[self.rows]
-        return self._near(place, order, self.columns.sweep_gap_deg * abs(steps))
+        gap = self.columns.sweep_gap_deg
+        place = self._near(place, order, gap * abs(steps))
+        if abs(steps) == 1 and np.isfinite(gap) and np.any(place < 0) and is_still(self.columns):
+            place = np.where(place >= 0, place, next_angle(self.columns, self.rows, steps, gap))
+        return place
 
     def acquired_before(self, state: State, channel: str, *, frames: int = 1) -> FloatArray:
         """Value of the same ray `frames` stage positions *earlier in time* (see `Columns.sweep_order`)."""
@@ -228,17 +240,34 @@ class View:
         order = self.columns.numbers["step" if "step" in self.columns.numbers else "time_s"]
         return self.take(state, channel, self.columns.following(("step", -1), cell, order, -1)[self.rows])
 
-    def take(self, state: State, channel: str, place: IntArray) -> FloatArray:
-        """Value of `channel` at whole-table rows `place` (−1: NaN); see the module's text for rows outside."""
-        own = state[channel]
+    def holds_at(self, angle: FloatArray) -> BoolArray:
+        """Whether any step holds a row's ray at another stage angle."""
+        return at_angle(self.columns, self.rows, angle) >= 0
+
+    def seen_at(self, state: State, channel: str, angle: FloatArray) -> FloatArray:
+        """Value of the same ray at another stage angle of a scene that stands still; NaN where no step holds it."""
+        if not is_still(self.columns):
+            return np.full(self.n, np.nan)
+        place = at_angle(self.columns, self.rows, angle)
+        return self.take(state, channel, place, own=self.columns.sweep_columns)
+
+    def take(self, state: State, channel: str, place: IntArray, *, own: tuple[str, ...] = ()) -> FloatArray:
+        """Value of `channel` at whole-table rows `place` (−1: NaN); see the module's text for rows outside.
+
+        `own`: columns that tell what a row's neighbours are in; those in another one count as outside.
+        """
+        now = state[channel]
         reference = self.columns.numbers.get(f"sim_{channel}")
         if reference is None:
             reference = np.full(self.columns.n, np.nan)
         local = self._local_index()[place]
         with np.errstate(invalid="ignore", divide="ignore"):
-            ratio = np.where(self.sim[channel] != 0.0, own / self.sim[channel], 1.0)
+            ratio = np.where(self.sim[channel] != 0.0, now / self.sim[channel], 1.0)
             outside = reference[place] * np.where(np.isfinite(ratio), ratio, 1.0)
-        value = np.where(local >= 0, own[local], outside)
+        if own and is_still(self.columns):
+            group = self.columns.group(*own)
+            local = np.where(group[place] == group[self.rows], local, -1)
+        value = np.where(local >= 0, now[local], outside)
         return np.where(place >= 0, value, np.nan)
 
     def take_number(self, name: str, place: IntArray) -> FloatArray:

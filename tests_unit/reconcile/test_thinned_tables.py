@@ -76,3 +76,43 @@ def test_a_clock_line_seen_at_every_third_column_is_no_pattern_of_three():
     (found,) = diagnose(made)[0].findings
     assert found.effect == "timing.row_skew"
     assert abs(next(p for p in found.parameters if p.name == "bend").value - 0.5) < 0.1
+
+
+def test_what_a_ray_saw_before_is_told_by_the_steps_that_kept_it():
+    """Boards at all depths before a camera: no curve joins what rays see, and few rows have their sweep's last."""
+    rng = np.random.default_rng(8)
+    step, angle, u, v = (
+        a.ravel() for a in np.meshgrid(np.arange(8), 2.0 * np.arange(9) - 8.0, np.arange(24), np.arange(6),
+                                       indexing="ij")
+    )  # fmt: skip
+    depth, paint = rng.uniform(2.0, 12.0, (40, 6)), rng.uniform(0.1, 0.9, (40, 6))
+
+    def look(stage):
+        """Boards of three pixels' width; a pixel a degree wide at most sees two, by the part of each in it."""
+        edge = (u + stage + 12.0) / 3.0
+        board = np.floor(edge).astype(int)
+        part = np.clip(3.0 * (edge - board) - 2.0, 0.0, 1.0)
+        lights = [paint[b, v] / depth[b, v] ** 2 for b in (board, board + 1)]
+        light = (1.0 - part) * lights[0] + part * lights[1]
+        far = ((1.0 - part) * lights[0] * depth[board, v] + part * lights[1] * depth[board + 1, v]) / light
+        return far, 2e5 * light
+
+    far, light = look(angle)
+    far_before, light_before = look(np.maximum(angle - 2.0, -8.0))  # where the stage stood at the angle before
+    kept, stale, frames = rng.random(step.size) < 0.15, 0.01, 16.0
+    sigma = {"distance_m": 0.01 + 0.002 * far, "intensity_counts": np.sqrt(light + 20.0)}
+    seen = {
+        "distance_m": far + stale * (far_before - far), "intensity_counts": light + stale * (light_before - light),
+    }  # fmt: skip
+    made = {
+        "step": step, "stage_angle_deg": angle, "pixel_u": u, "pixel_v": v, "azimuth_deg": u - 12.0,
+        "elevation_deg": v - 2.5, "time_s": 600.0 * step + 10.0 * angle, "n_frames": np.full(step.size, frames),
+        "sim_distance_m": far, "sim_intensity_counts": light,
+    }  # fmt: skip
+    for name, values in seen.items():
+        made[f"sim_{name}_std"] = sigma[name]
+        made[name] = values + sigma[name] * rng.normal(size=step.size) / np.sqrt(frames)
+    (found,) = diagnose(columns_of(pa.table({name: values[kept] for name, values in made.items()})))[0].findings
+    assert found.effect == "acquisition.frame_lag"
+    share = next(p for p in found.parameters if p.name == "share")
+    assert share.low < stale < share.high

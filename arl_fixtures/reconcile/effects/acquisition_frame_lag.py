@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from arl_fixtures.reconcile.columns import BoolArray
 from arl_fixtures.reconcile.effect import Effect, Option, Parameter, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_bench import is_sharp
 from arl_fixtures.reconcile.effects_common import (
@@ -22,6 +23,7 @@ from arl_fixtures.reconcile.effects_encoder import encoders, show_turn
 from arl_fixtures.reconcile.effects_pointing import scanned_channels, turn_stage
 from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.effects_way_back import longest_s, missing_before, stride_back, thinned_by, way_back
+from arl_fixtures.reconcile.still_scene import is_still
 from arl_fixtures.reconcile.view import View
 
 _PLACES = np.linspace(0.0, 1.0, 6)
@@ -154,12 +156,19 @@ class FrameLag(Effect):
             own = state[name]
             before = view.acquired_before(state, name, frames=frames)
             if missing.any():
-                before = np.where(missing != 0.0, there[name], before)
+                before = np.where(missing != 0.0, _seen_before(view, state, name, missing, there[name]), before)
             apart: FloatArray = np.where(np.isfinite(before), before - own, 0.0)
             state[name] = own + share * apart
             scatter = f"{name}_std"
             if scatter in state:
                 state[scatter] = np.sqrt(state[scatter] ** 2 + share * (1.0 - share) * np.nan_to_num(apart) ** 2)
+
+    def unsure(self, variant: Variant, view: View) -> BoolArray | None:
+        """Rows of a thinned table whose ray no step holds at the position before."""
+        if "kind" in variant.options or "channel" in variant.options or "stride_deg" in variant.options:
+            return None
+        missing = missing_before(view)
+        return _unheld(view, missing) if int(variant.options["frames"]) == 1 and is_still(view.columns) else None
 
     def expression(self, variant: Variant) -> str:
         """The law."""
@@ -222,6 +231,23 @@ def _of_readings(view: View) -> Iterable[Variant]:
 def _speeds(view: View) -> list[str]:
     """Columns of the stage's speed, positive where its angle grows."""
     return [name for name in view.columns.numbers if name.endswith(_SPEED_UNIT) and view.varies(name)][:1]
+
+
+def _seen_before(
+    view: View, state: State, name: str, missing: FloatArray, there: FloatArray
+) -> FloatArray:
+    """What a ray saw at the position before that its own sweep lacks.
+
+    Of a scene that stands still another step tells, or none: a curve over the bearing may jump there by metres.
+    """
+    if not is_still(view.columns):
+        return there
+    return view.seen_at(state, name, view.number("stage_angle_deg") + missing)
+
+
+def _unheld(view: View, missing: FloatArray) -> BoolArray:
+    held = per_view(view, "held before", lambda: view.holds_at(view.number("stage_angle_deg") + missing))
+    return np.asarray((missing != 0.0) & ~held)
 
 
 def _repeats(view: View) -> bool:
