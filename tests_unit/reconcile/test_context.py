@@ -50,14 +50,20 @@ def explained(table, plain, held, corrected, channel):
 
 
 @pytest.mark.parametrize(
-    ("change", "column", "value", "channel", "steps"),
-    [(lagging, "step", 5.0, "distance_m", 14), (late_frames, "stage_angle_deg", 8.1, "intensity_counts", 4)],
+    ("change", "column", "value", "channel", "unasked", "steps"),
+    [
+        (lagging, "step", 5.0, "distance_m", "intensity_counts", 14),
+        (late_frames, "stage_angle_deg", 8.1, "intensity_counts", "distance_m", 4),
+    ],
 )
 def test_rows_of_one_step_or_angle_are_predicted_from_what_was_around_them(
-    tmp_path, make_table, save, knows_only, change, column, value, channel, steps
+    tmp_path, make_table, save, knows_only, change, column, value, channel, unasked, steps
 ):
     knows_only("timing.thermal_lag", "timing.temperature_offset", "acquisition.frame_lag", "optics.defocus")
-    table, plain = make_table(21, change, steps=steps), make_table(21, steps=steps)
+    table, plain = (
+        {name: x for name, x in make_table(21, own, steps=steps).items() if unasked not in name}
+        for own in (change, None)
+    )
     held = np.isclose(table[column], value)
     train, unseen = split(table, held)
     reconcile(save(tmp_path / "t.parquet", train), tmp_path / "out")

@@ -20,7 +20,8 @@ def skewed_table(make_table, rng, condition):
         columns["distance_m"] = columns["distance_m"] + LIGHT_M_PER_S / 2.0 * (delay_s - delay_s.mean())
         columns["distance_m"] = columns["distance_m"] + condition(columns, rng)
 
-    return columns_of(pa.table(make_table(61, change, steps=7)))
+    table = make_table(61, change, steps=7)
+    return columns_of(pa.table({name: x for name, x in table.items() if "intensity_counts" not in name}))
 
 
 def test_a_skew_of_columns_stands_beside_an_offset_that_follows_the_humidity(make_table):
