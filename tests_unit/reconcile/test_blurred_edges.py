@@ -38,7 +38,7 @@ def test_a_blur_smaller_than_the_soft_edge_is_that_of_scattered_rays(sigma_px):
 
 def test_light_from_beside_a_pixel_is_a_blur_and_no_mixture_of_what_is_in_it():
     """A tenth of the light spreads over 1.6 pixels, seen over whole ones; the simulation has nine rays in each."""
-    columns = table(seed=11, angles=13, pixels=64)
+    columns = table(seed=11, angles=9, pixels=48)
     u, v, stage = (columns.numbers[name] for name in ("pixel_u", "pixel_v", "stage_angle_deg"))
     (own, _), (wide, _) = (trace(u, v, stage, 0.10, places=tuple(x * np.array(FIFTEENTHS))) for x in (1.0, 1.6))
     rays = trace(u, v, stage, 0.10)[0]

@@ -26,7 +26,7 @@ def test_a_gain_that_steps_differ_by_is_the_first_of_its_kind_beside_unequal_col
         apart = np.where(columns["pixel_u"] % 2 == 0, 1.5, -1.5)
         columns["intensity_counts"] = columns["intensity_counts"] * gain + apart
 
-    table = make_table(73, both, duts=1, steps=8)
+    table = {name: x for name, x in make_table(73, both, duts=1, steps=8).items() if "distance_m" not in name}
     del table["sim_intensity_counts_repeat_std"]
     rivals = some(
         "readout.column_pattern", "detector.gain_temperature", "laser.thermal_rolloff", "laser.power_decay",
@@ -112,11 +112,11 @@ def board_at(bearing):
 
 
 def boards(seed, whiter, stretch):
-    """Boards before a wall from fifteen stage angles: the last one is whiter than thought, all ranges are longer."""
+    """Boards before a wall, in one image row, from fifteen angles: the last is whiter than thought, ranges longer."""
     rng = np.random.default_rng(seed)
     step, stage, v, u = (
         x.ravel()
-        for x in np.meshgrid(np.arange(4), np.arange(-28.0, 28.5, 4.3), np.arange(ROWS), np.arange(1.0, 29.0, 4.0),
+        for x in np.meshgrid(np.arange(4), np.arange(-28.0, 28.5, 4.3), [(ROWS - 1) / 2], np.arange(1.0, 29.0, 4.0),
                              indexing="ij")
     )  # fmt: skip
     light, far = seen(u, v, stage)
@@ -130,12 +130,12 @@ def boards(seed, whiter, stretch):
         "stage_angle_deg": stage, "azimuth_deg": np.degrees(np.arctan(x / F_PX)),
         "elevation_deg": np.degrees(np.arctan(((ROWS - 1) / 2 - v) / np.hypot(F_PX, x))),
         "surface": np.array(["wall", "a", "b", "c", "d"])[own + 1], "mixed": (left != own) | (right != own),
-        "sim_intensity_counts": 1e3 * light, "sim_intensity_counts_std": 8.0 * light,
+        "sim_intensity_counts": 1e3 * light, "sim_intensity_counts_std": 4.6 * light,
         "sim_intensity_counts_repeat_std": 3.0 * light,
-        "intensity_counts": 1e3 * true * gain + 8.0 * light * rng.normal(size=u.size),
-        "sim_distance_m": far, "sim_distance_m_std": np.full(u.size, 0.002),
+        "intensity_counts": 1e3 * true * gain + 4.6 * light * rng.normal(size=u.size),
+        "sim_distance_m": far, "sim_distance_m_std": np.full(u.size, 0.0012),
         "sim_distance_m_repeat_std": np.full(u.size, 0.001),
-        "distance_m": there * (1.0 + stretch) + off + 0.002 * rng.normal(size=u.size),
+        "distance_m": there * (1.0 + stretch) + off + 0.0012 * rng.normal(size=u.size),
     }))  # fmt: skip
 
 
