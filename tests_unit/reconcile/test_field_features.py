@@ -76,12 +76,12 @@ def test_a_twist_that_every_step_has_anew_is_one_place(rays):
 
 
 def test_what_is_round_about_the_axis_is_predicted_on_pixels_never_seen(tmp_path):
-    table = camera(6, steps=5, change=bubble)
+    table = {name: x for name, x in camera(6, steps=5, change=bubble).items() if "intensity_counts" not in name}
     truth = bubble(table, None)[1]
     pixel = (table["pixel_v"] * PIXELS_U + table["pixel_u"]).astype(int)
     held = (np.random.default_rng(1).uniform(size=PIXELS_U * PIXELS_V) < 0.3)[pixel]
     pq.write_table(pa.table({n: v[~held] for n, v in table.items()}), tmp_path / "seen.parquet")
-    unseen = {n: v[held] for n, v in table.items() if n not in {"intensity_counts", "distance_m"}}
+    unseen = {n: v[held] for n, v in table.items() if n != "distance_m"}
     pq.write_table(pa.table(unseen), tmp_path / "unseen.parquet")
     diagnosis = reconcile(tmp_path / "seen.parquet", tmp_path / "out")
     predict(tmp_path / "out", tmp_path / "unseen.parquet", tmp_path / "p.parquet")

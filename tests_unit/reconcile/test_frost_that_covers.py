@@ -33,8 +33,8 @@ def test_a_window_that_is_white_takes_no_more_light_with_more_ice():
     temperatures = np.array([25.0, 60.0, 28.0, 1.0, -8.0, -18.0, -28.0, -38.0, -18.0, -8.0, 1.0, 11.0, 25.0])
     ramps = np.array([1.0] * 2 + [-1.0] * 6 + [1.0] * 5)
     ice = clinging(temperatures - 6.0, 1500.0)
-    cycle, step, stop, pixel = grid(np.arange(3), np.arange(13), np.arange(5), np.arange(30))
-    row = rng.integers(0, 32, 30)[pixel]
+    cycle, step, stop, pixel = grid(np.arange(3), np.arange(13), np.arange(1, 4), np.arange(15))
+    row = rng.permutation(np.linspace(0.0, 31.0, 15))[pixel]
     light = 900.0 * np.array([0.2, 0.5, 0.8, 0.5, 0.2])[stop]
     noise = np.sqrt(light + 16.0)
     white = covered(8.0 * ice / ice.max())
@@ -45,11 +45,11 @@ def test_a_window_that_is_white_takes_no_more_light_with_more_ice():
             "cycle": cycle + 1.0, "step": step, "ramp": ramps[step], "set_temperature_c": temperatures[step],
             "housing_temperature_c": temperatures[step] + rng.normal(0.0, 0.2, (3, 13))[cycle, step],
             "time_s": 1500.0 * step + 20.0 * stop + 1400.0, "stage_angle_deg": 10.0 * (stop - 2.0),
-            "pixel_u": 4 * pixel, "pixel_v": row, "n_frames": np.full(step.size, 20.0),
+            "pixel_u": 8 * pixel, "pixel_v": row, "n_frames": np.full(step.size, 60.0),
             "sim_intensity_counts": light, "sim_intensity_counts_std": noise,
             "sim_intensity_counts_repeat_std": 0.003 * light,
             "intensity_counts": light * clear * (1.0 + 0.003 * rng.normal(size=(3, 13)))[cycle, step]
-            + rng.normal(0.0, noise / np.sqrt(20.0)),
+            + rng.normal(0.0, noise / np.sqrt(60.0)),
         },
     )  # fmt: skip
     (found,) = diagnose(made)[0].findings

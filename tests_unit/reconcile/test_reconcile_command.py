@@ -21,7 +21,7 @@ SCHEMA = Path(__file__).parents[3] / "shared" / "spec" / "diagnosis.schema.json"
 def walked(tmp_path_factory, make_table, save, walk):
     """A table with a range walk, the folder of its diagnosis (to be read only), and the diagnosis."""
     folder = tmp_path_factory.mktemp("walked")
-    table = save(folder / "t.parquet", make_table(2, walk, steps=4))
+    table = save(folder / "t.parquet", make_table(2, walk, steps=4, duts=1))
     return table, folder / "out", reconcile(table, folder / "out")
 
 

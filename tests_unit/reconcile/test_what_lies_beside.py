@@ -4,8 +4,18 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
+
+RIVALS = [
+    library()[name]
+    for name in (
+        "air.multipath", "optics.veiling_glare", "detector.compression", "detector.pile_up", "timing.range_walk",
+        "timing.clock_scale", "target.reflectance_error", "target.edge_mixing",
+    )
+]  # fmt: skip
+"""Who else may change light and range of a spot that lies near a wall."""
 
 
 def by_the_wall(beside, ahead, albedo):
@@ -31,7 +41,7 @@ def by_the_wall(beside, ahead, albedo):
 @pytest.mark.parametrize("white", [False, True])
 def test_light_by_way_of_a_wall_whose_distance_was_logged(white):
     rng = np.random.default_rng(3)
-    n = 600
+    n = 400
     beside, ahead = rng.uniform(0.06, 1.4, n), rng.choice([1.2, 1.8, 2.5], n)
     albedo = rng.choice([0.05, 0.5, 0.9], n) if white else np.full(n, 0.5)
     share, longer = by_the_wall(beside, ahead, albedo)
@@ -41,13 +51,13 @@ def test_light_by_way_of_a_wall_whose_distance_was_logged(white):
     made = columns_of(pa.table({
         "step": np.arange(n) // 40, ("gap_to_sidewall_m" if white else "corner_distance_m"): beside,
         "true_range_m": far,
-        **({"sidewall_reflectance": albedo} if white else {}), "n_frames": np.full(n, 20.0),
+        **({"sidewall_reflectance": albedo} if white else {}), "n_frames": np.full(n, 30.0),
         "sim_distance_m": far, "sim_distance_m_std": blur, "sim_intensity_counts": light,
         "sim_intensity_counts_std": error,
-        "distance_m": far + share / (1.0 + share) * longer + blur * rng.normal(size=n) / np.sqrt(20.0),
-        "intensity_counts": light * (1.0 + share) + error * rng.normal(size=n) / np.sqrt(20.0),
+        "distance_m": far + share / (1.0 + share) * longer + blur * rng.normal(size=n) / np.sqrt(30.0),
+        "intensity_counts": light * (1.0 + share) + error * rng.normal(size=n) / np.sqrt(30.0),
     }))  # fmt: skip
-    found = diagnose(made)[0].findings
+    found = diagnose(made, effects=RIVALS)[0].findings
     assert [f.effect for f in found] == ["air.multipath"]
     assert found[0].drivers[0] == ("gap_to_sidewall_m" if white else "corner_distance_m")
 

@@ -30,7 +30,7 @@ def by_all_points(place, own):
 
 
 def lit_by_panels(seed, share):
-    columns = table(seed=seed, noise=False, angles=31)
+    columns = table(seed=seed, noise=False, angles=15)
     numbers, rng = columns.numbers, np.random.default_rng(seed)
     bearing = -np.radians(numbers["azimuth_deg"] + numbers["stage_angle_deg"])  # to the left, from the arc's middle
     far, up = numbers[f"sim_{RANGE}"], np.radians(numbers["elevation_deg"])
