@@ -128,7 +128,7 @@ def test_drivers_are_columns_of_the_table():
 
 
 def test_a_tilt_is_found_in_a_calibrated_table_without_rays():
-    columns = without_rays(calibrated(table(tilt_deg=(0.0, -0.4, 0.8), angles=25, pixels=20)))
+    columns = without_rays(calibrated(table(tilt_deg=(0.0, -0.4, 0.8), angles=13, pixels=20)))
     found, model, _ = diagnose(columns, effects=[library()[n] for n in ("mount.tilt", "stage.zero_offset")])
     assert [f.effect for f in found.findings] == ["mount.tilt"]
     assert set(found.findings[0].drivers) <= {"pixel_u", "pixel_v"}

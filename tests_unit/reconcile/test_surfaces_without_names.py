@@ -12,7 +12,7 @@ KNOWN = [library()[name] for name in ("air.multipath", "target.reflectance_error
 
 def repainted(monkeypatch, *, more, seed=3):
     """The nominal simulation of a bench whose middle stripe reflects more by a part."""
-    columns = table(seed=seed, noise=False, angles=25)
+    columns = table(seed=seed, noise=False, angles=13)
     numbers, rng = columns.numbers, np.random.default_rng(seed)
     place = numbers["pixel_u"], numbers["pixel_v"], numbers["stage_angle_deg"], 0.10
     before, _ = trace(*place)
