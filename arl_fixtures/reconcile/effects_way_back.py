@@ -19,6 +19,10 @@ _FEWEST_MOVES, _OFF_STRIDE = 5, 0.02
 _UNEVEN = 0.25
 """Relative scatter of a sweep's steps from which a lag is told from a constant angle."""
 
+_WORDS = ("direction", "travel", "approach")
+_ONWARD = ("up", "+", "plus", "pos", "forw", "fwd", "ris", "inc", "cw", "right", "out")
+"""Words by which a column is the direction of travel, and by which one of two directions is onward."""
+
 
 @dataclass(frozen=True, slots=True)
 class Way:
@@ -118,6 +122,33 @@ def stride_back(view: View, stride_deg: float) -> FloatArray:
         return back
 
     return per_table(view, ("stride back", stride_deg), make)[view.rows]
+
+
+def logged_direction(view: View) -> tuple[str, FloatArray] | None:
+    """The column that says in which direction the stage went, as ±1 and 0; also where all rows came from one side."""
+    for name, logged in sorted(view.columns.numbers.items()):
+        told = any(word in name for word in _WORDS) and not name.startswith("sim_")
+        if told and np.isin(logged[np.isfinite(logged)], (-1.0, 0.0, 1.0)).all():
+            return name, np.nan_to_num(logged)
+    for name, (codes, labels) in sorted(view.columns.categories.items()):
+        if any(word in name for word in _WORDS) and len(labels) == 2:
+            onward = [label.lower().startswith(_ONWARD) for label in labels]
+            if onward[0] != onward[1]:
+                signs = np.array([1.0 if on else -1.0 for on in onward] + [0.0])
+                return name, signs[codes]
+    return None
+
+
+def stride_of(view: View) -> float:
+    """Degrees between neighbouring stage angles of the whole table, the usual ones; 0 where it has fewer than two."""
+
+    def make() -> float:
+        angle = view.columns.numbers["stage_angle_deg"]
+        gap = np.diff(np.unique(angle[np.isfinite(angle)]))
+        gap = gap[gap > _SAME_DEG]
+        return rounded(float(np.median(gap))) if gap.size else 0.0
+
+    return per_table(view, "stride", make)
 
 
 def _logged_before(view: View) -> FloatArray:

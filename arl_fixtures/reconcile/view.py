@@ -240,15 +240,12 @@ class View:
         order = self.columns.numbers["step" if "step" in self.columns.numbers else "time_s"]
         return self.take(state, channel, self.columns.following(("step", -1), cell, order, -1)[self.rows])
 
-    def holds_at(self, angle: FloatArray) -> BoolArray:
-        """Whether any step holds a row's ray at another stage angle."""
-        return at_angle(self.columns, self.rows, angle) >= 0
+    def elsewhere_place(self, angle: FloatArray) -> IntArray:
+        """Whole-table row of the same ray at another stage angle, in whichever step; −1 where no step holds it."""
+        return at_angle(self.columns, self.rows, angle)
 
-    def seen_at(self, state: State, channel: str, angle: FloatArray) -> FloatArray:
-        """Value of the same ray at another stage angle of a scene that stands still; NaN where no step holds it."""
-        if not is_still(self.columns):
-            return np.full(self.n, np.nan)
-        place = at_angle(self.columns, self.rows, angle)
+    def seen_elsewhere(self, state: State, channel: str, place: IntArray) -> FloatArray:
+        """Value of a scene that stands still at such rows, under the row's own conditions; NaN where −1."""
         return self.take(state, channel, place, own=self.columns.sweep_columns)
 
     def take(self, state: State, channel: str, place: IntArray, *, own: tuple[str, ...] = ()) -> FloatArray:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pyarrow as pa
+import pytest
 from traced_bench import LIGHT, RANGE, table, trace
 
 from arl_fixtures.reconcile.catalogue import library
@@ -78,8 +79,13 @@ def test_a_clock_line_seen_at_every_third_column_is_no_pattern_of_three():
     assert abs(next(p for p in found.parameters if p.name == "bend").value - 0.5) < 0.1
 
 
-def test_what_a_ray_saw_before_is_told_by_the_steps_that_kept_it():
-    """Boards at all depths before a camera: no curve joins what rays see, and few rows have their sweep's last."""
+def boards(stale, came, **records):
+    """Boards at all depths before a camera: no curve joins what rays see, and few rows have their sweep's last.
+
+    Args:
+        stale: share of frames of the angle before; came: ±1 by which way the stage came to it, by step.
+        records: of each row what tells the order, as functions of step and angle.
+    """
     rng = np.random.default_rng(8)
     step, angle, u, v = (
         a.ravel() for a in np.meshgrid(np.arange(8), 2.0 * np.arange(9) - 8.0, np.arange(24), np.arange(6),
@@ -98,21 +104,40 @@ def test_what_a_ray_saw_before_is_told_by_the_steps_that_kept_it():
         return far, 2e5 * light
 
     far, light = look(angle)
-    far_before, light_before = look(np.maximum(angle - 2.0, -8.0))  # where the stage stood at the angle before
-    kept, stale, frames = rng.random(step.size) < 0.15, 0.01, 16.0
+    far_before, light_before = look(np.clip(angle - 2.0 * came(step), -8.0, 8.0))  # the first has none before
     sigma = {"distance_m": 0.01 + 0.002 * far, "intensity_counts": np.sqrt(light + 20.0)}
     seen = {
         "distance_m": far + stale * (far_before - far), "intensity_counts": light + stale * (light_before - light),
     }  # fmt: skip
     made = {
         "step": step, "stage_angle_deg": angle, "pixel_u": u, "pixel_v": v, "azimuth_deg": u - 12.0,
-        "elevation_deg": v - 2.5, "time_s": 600.0 * step + 10.0 * angle, "n_frames": np.full(step.size, frames),
+        "elevation_deg": v - 2.5, "n_frames": np.full(step.size, 16.0),
         "sim_distance_m": far, "sim_intensity_counts": light,
+        **{name: value(step, angle) for name, value in records.items()},
     }  # fmt: skip
     for name, values in seen.items():
         made[f"sim_{name}_std"] = sigma[name]
-        made[name] = values + sigma[name] * rng.normal(size=step.size) / np.sqrt(frames)
-    (found,) = diagnose(columns_of(pa.table({name: values[kept] for name, values in made.items()})))[0].findings
+        made[name] = values + sigma[name] * rng.normal(size=step.size) / 4.0
+    kept = rng.random(step.size) < 0.08
+    return columns_of(pa.table({name: values[kept] for name, values in made.items()}))
+
+
+def there_and_back(step):
+    return np.where(step % 2 == 0, 1.0, -1.0)
+
+
+@pytest.mark.parametrize(
+    ("came", "record"),
+    [
+        (np.ones_like, {"time_s": lambda step, angle: 600.0 * step + 10.0 * angle}),
+        (there_and_back, {"sweep_direction": lambda step, _angle: there_and_back(step)}),
+    ],
+    ids=["by time", "by a column"],
+)
+def test_what_a_ray_saw_before_is_told_by_the_steps_that_kept_it(came, record):
+    known = ("acquisition.frame_lag", "target.edge_mixing", "stage.eccentricity", "timing.tdc_nonlinearity",
+             "detector.crosstalk", "optics.defocus")  # fmt: skip
+    (found,) = diagnose(boards(0.01, came, **record), effects=[library()[name] for name in known])[0].findings
     assert found.effect == "acquisition.frame_lag"
     share = next(p for p in found.parameters if p.name == "share")
-    assert share.low < stale < share.high
+    assert share.low < 0.01 < share.high

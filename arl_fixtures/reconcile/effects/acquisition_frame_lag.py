@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from arl_fixtures.reconcile.columns import BoolArray
+from arl_fixtures.reconcile.columns import BoolArray, IntArray
 from arl_fixtures.reconcile.effect import Effect, Option, Parameter, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_bench import is_sharp
 from arl_fixtures.reconcile.effects_common import (
@@ -22,7 +22,15 @@ from arl_fixtures.reconcile.effects_common import (
 from arl_fixtures.reconcile.effects_encoder import encoders, show_turn
 from arl_fixtures.reconcile.effects_pointing import scanned_channels, turn_stage
 from arl_fixtures.reconcile.effects_scene import scene
-from arl_fixtures.reconcile.effects_way_back import longest_s, missing_before, stride_back, thinned_by, way_back
+from arl_fixtures.reconcile.effects_way_back import (
+    logged_direction,
+    longest_s,
+    missing_before,
+    stride_back,
+    stride_of,
+    thinned_by,
+    way_back,
+)
 from arl_fixtures.reconcile.still_scene import is_still
 from arl_fixtures.reconcile.view import View
 
@@ -76,6 +84,15 @@ class FrameLag(Effect):
                 parameters=(amplitude("share", "1", 0.0, 1.0, 0.2),),
                 channels=scanned_channels(view),
                 drivers=drivers,
+            )
+        logged = logged_direction(view)
+        if logged and stride_of(view) and is_still(view.columns):
+            yield Variant(
+                effect=self.id,
+                options={"frames": 1, "way": logged[0], "stride_deg": stride_of(view)},
+                parameters=(amplitude("share", "1", 0.0, 1.0, 0.2),),
+                channels=scanned_channels(view),
+                drivers=("stage_angle_deg", logged[0]),
             )
         if scene(view) is None:
             return
@@ -145,18 +162,17 @@ class FrameLag(Effect):
             show_turn(variant, state, view, float(values["share"]) * back)
             return
         share, frames = float(values["share"]), int(variant.options["frames"])
-        if "stride_deg" in variant.options:
-            missing = stride_back(view, float(variant.options["stride_deg"]))
-        else:
-            missing = missing_before(view) if frames == 1 else np.zeros(0)
-        there = dict(state)
-        if missing.any():
+        missing, there, held = _missing(variant, view), dict(state), None
+        if missing.any() and is_still(view.columns):  # a curve over the bearing may jump there by metres
+            held = _held(variant, view, missing)
+        elif missing.any():
             turn_stage(view, there, missing)
         for name in (*signals(view), *distances(view)):
             own = state[name]
             before = view.acquired_before(state, name, frames=frames)
             if missing.any():
-                before = np.where(missing != 0.0, _seen_before(view, state, name, missing, there[name]), before)
+                told = there[name] if held is None else view.seen_elsewhere(state, name, held)
+                before = np.where(missing != 0.0, told, before)
             apart: FloatArray = np.where(np.isfinite(before), before - own, 0.0)
             state[name] = own + share * apart
             scatter = f"{name}_std"
@@ -165,10 +181,11 @@ class FrameLag(Effect):
 
     def unsure(self, variant: Variant, view: View) -> BoolArray | None:
         """Rows of a thinned table whose ray no step holds at the position before."""
-        if "kind" in variant.options or "channel" in variant.options or "stride_deg" in variant.options:
+        late = not {"kind", "channel"} & set(variant.options) and int(variant.options["frames"]) == 1
+        if not late or not is_still(view.columns):
             return None
-        missing = missing_before(view)
-        return _unheld(view, missing) if int(variant.options["frames"]) == 1 and is_still(view.columns) else None
+        missing = _missing(variant, view)
+        return np.asarray((missing != 0.0) & (_held(variant, view, missing) < 0))
 
     def expression(self, variant: Variant) -> str:
         """The law."""
@@ -182,7 +199,8 @@ class FrameLag(Effect):
         if "channel" in variant.options:
             return f"{variant.options['channel']} += share * (stage angle before - stage_angle_deg)"
         if "stride_deg" in variant.options:
-            return f"X = (1 - share) * X + share * X[{variant.options['stride_deg']:g} deg back in the sweep]"
+            way = f"by {variant.options['way']}" if "way" in variant.options else "in the sweep"
+            return f"X = (1 - share) * X + share * X[{variant.options['stride_deg']:g} deg back {way}]"
         return f"X = (1 - share) * X + share * X[{variant.options['frames']} stage position(s) earlier]"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
@@ -201,7 +219,7 @@ class FrameLag(Effect):
                 f"of the way back to the position before, {values['decay']:.1f} frames later a third of that."
             )
         return (
-            f"{values['share'] * 100:.0f} % of the frames of an angle still belong to the stage position "
+            f"{values['share'] * 100:.2g} % of the frames of an angle still belong to the stage position "
             f"{variant.options['frames']} earlier."
         )
 
@@ -233,21 +251,21 @@ def _speeds(view: View) -> list[str]:
     return [name for name in view.columns.numbers if name.endswith(_SPEED_UNIT) and view.varies(name)][:1]
 
 
-def _seen_before(
-    view: View, state: State, name: str, missing: FloatArray, there: FloatArray
-) -> FloatArray:
-    """What a ray saw at the position before that its own sweep lacks.
+def _missing(variant: Variant, view: View) -> FloatArray:
+    """Way back to the position before where a ray's own sweep does not tell it, degrees; else zero."""
+    if "way" in variant.options:
+        logged = logged_direction(view)
+        way = logged[1][view.rows] if logged and logged[0] == variant.options["way"] else np.zeros(view.n)
+        return np.asarray(-float(variant.options["stride_deg"]) * way)
+    if "stride_deg" in variant.options:
+        return stride_back(view, float(variant.options["stride_deg"]))
+    return missing_before(view) if int(variant.options["frames"]) == 1 else np.zeros(view.n)
 
-    Of a scene that stands still another step tells, or none: a curve over the bearing may jump there by metres.
-    """
-    if not is_still(view.columns):
-        return there
-    return view.seen_at(state, name, view.number("stage_angle_deg") + missing)
 
-
-def _unheld(view: View, missing: FloatArray) -> BoolArray:
-    held = per_view(view, "held before", lambda: view.holds_at(view.number("stage_angle_deg") + missing))
-    return np.asarray((missing != 0.0) & ~held)
+def _held(variant: Variant, view: View, missing: FloatArray) -> IntArray:
+    """Whole-table rows of other steps that hold what a ray saw at the position before; −1 where none does."""
+    angle = view.number("stage_angle_deg") + missing
+    return per_view(view, ("held before", variant.label), lambda: view.elsewhere_place(angle))
 
 
 def _repeats(view: View) -> bool:

@@ -18,6 +18,7 @@ from arl_fixtures.reconcile.effects_encoder import (
     turning_channels,
     ways_of_turning,
 )
+from arl_fixtures.reconcile.effects_way_back import logged_direction
 from arl_fixtures.reconcile.view import View
 
 
@@ -100,34 +101,15 @@ def _counted(variant: Variant, way: FloatArray) -> FloatArray:
 
 
 def _direction(view: View) -> tuple[str, ...]:
-    found = _logged(view)
+    found = logged_direction(view)
     return (found[0],) if found else (("time_s",) if view.varies("time_s") else ())
-
-
-_WORDS = ("direction", "travel", "approach")
-_ONWARD = ("up", "+", "plus", "pos", "forw", "fwd", "ris", "inc", "cw", "right", "out")
-
-
-def _logged(view: View) -> tuple[str, FloatArray] | None:
-    """The column that says in which direction the stage went, as ±1 and 0; also where all rows came from one side."""
-    for name, logged in sorted(view.columns.numbers.items()):
-        told = any(word in name for word in _WORDS) and not name.startswith("sim_")
-        if told and np.isin(logged[np.isfinite(logged)], (-1.0, 0.0, 1.0)).all():
-            return name, np.nan_to_num(logged)
-    for name, (codes, labels) in sorted(view.columns.categories.items()):
-        if any(word in name for word in _WORDS) and len(labels) == 2:
-            onward = [label.lower().startswith(_ONWARD) for label in labels]
-            if onward[0] != onward[1]:
-                signs = np.array([1.0 if on else -1.0 for on in onward] + [0.0])
-                return name, signs[codes]
-    return None
 
 
 def travel(view: View) -> FloatArray:
     """Direction in which each row of the whole table came to its stage angle: ±1, 0 for the first of a sweep."""
 
     def make() -> FloatArray:
-        logged = _logged(view)
+        logged = logged_direction(view)
         if logged:
             return logged[1]
         place = View(view.columns).acquired_place(1)
