@@ -163,7 +163,7 @@ class FrameLag(Effect):
             return
         share, frames = float(values["share"]), int(variant.options["frames"])
         missing, there, held = _missing(variant, view), dict(state), None
-        if missing.any() and is_still(view.columns):  # a curve over the bearing may jump there by metres
+        if missing.any() and _asks_others(variant, view):  # a curve over the bearing may jump there by metres
             held = _held(variant, view, missing)
         elif missing.any():
             turn_stage(view, there, missing)
@@ -182,7 +182,7 @@ class FrameLag(Effect):
     def unsure(self, variant: Variant, view: View) -> BoolArray | None:
         """Rows of a thinned table whose ray no step holds at the position before."""
         late = not {"kind", "channel"} & set(variant.options) and int(variant.options["frames"]) == 1
-        if not late or not is_still(view.columns):
+        if not late or not _asks_others(variant, view):
             return None
         missing = _missing(variant, view)
         return np.asarray((missing != 0.0) & (_held(variant, view, missing) < 0))
@@ -260,6 +260,11 @@ def _missing(variant: Variant, view: View) -> FloatArray:
     if "stride_deg" in variant.options:
         return stride_back(view, float(variant.options["stride_deg"]))
     return missing_before(view) if int(variant.options["frames"]) == 1 else np.zeros(view.n)
+
+
+def _asks_others(variant: Variant, view: View) -> bool:
+    """Whether other steps tell what a sweep lacks: of a scene that stands still, at angles that some of them hold."""
+    return is_still(view.columns) and ("way" in variant.options or "stride_deg" not in variant.options)
 
 
 def _held(variant: Variant, view: View, missing: FloatArray) -> IntArray:
