@@ -30,6 +30,8 @@ BINS = 12
 UNSTEADY, UNSTEADY_EXACT, UNSTEADY_WEATHER = 0.3, 0.15, 0.5
 """Standard deviation of a name's factor between bins, each counting by what the name changes there, from which it is
 not that effect: shapes differ by less, those of plain numbers not at all, and those that hang on the day by more."""
+SPARSE = 0.5
+"""Share of an image's pixels below which a table holds few."""
 OF_PLACES = 0.5
 """Share of a column's variance between what pixels see from which it tells of that rather than of conditions."""
 UNSTEADY_GAIN = 6.0
@@ -46,14 +48,15 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
 
     What displaces rays is left out: at edges its change is as rough as its errors are. What mixes a pixel with its
     neighbours is as rough, but the same whenever the pixel sees the same: it is asked for what changes meanwhile;
-    and so is what happens in pixels that see two surfaces, as no column tells where in a pixel the edge lies.
+    and so is what happens in pixels that see two surfaces, as no column tells where in a pixel the edge lies, and
+    what comes from pixels of which the table holds few: others stand for them.
     What a strong name's law leaves along its own drivers is not held against another: it is asked within cells of
     these.
     """
     if term.variant.rough or (term.effect.displaces and not term.effect.mixes):
         return False
     problem = looker.problem
-    in_pixels = term.effect.displaces or term.effect.at_borders
+    in_pixels = term.effect.displaces or term.effect.at_borders or (term.effect.mixes and _is_sparse(problem))
     place = _places(problem) if in_pixels else None
     full, rest = forward(terms, problem.view), forward([t for t in terms if t is not term], problem.view)
     acting = [
@@ -83,6 +86,15 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
             change = [within_cells(c, cell[d.use]) for c, d in zip(change, acting, strict=True)]
             left = [within_cells(x, cell[d.use]) for x, d in zip(left, acting, strict=True)]
     return _moves(looker, term, acting, change, left, place)
+
+
+def _is_sparse(problem: Problem) -> bool:
+    """Whether the table holds less than half of the pixels between its first and last columns and rows."""
+    numbers, area = problem.columns.numbers, 1.0
+    axes = [name for name in ("pixel_u", "pixel_v") if problem.view.varies(name)]
+    for name in axes:
+        area *= 1.0 + float(np.nanmax(numbers[name]) - np.nanmin(numbers[name]))
+    return bool(axes) and 1.0 + float(problem.columns.group(*axes).max()) < SPARSE * area
 
 
 def _quiet_rows(

@@ -141,3 +141,29 @@ def test_what_a_ray_saw_before_is_told_by_the_steps_that_kept_it(came, record):
     assert found.effect == "acquisition.frame_lag"
     share = next(p for p in found.parameters if p.name == "share")
     assert share.low < 0.01 < share.high
+
+
+def test_a_ghost_of_pixels_that_the_table_lacks_is_as_strong_where_others_stand_for_them():
+    """One pixel in twenty of an image of boards: the mirrored one is hardly ever among them, but its board is."""
+    rng = np.random.default_rng(12)
+    u, v = np.meshgrid(np.arange(64), np.arange(48), indexing="ij")
+    board = (u // 9, v // 9)
+    far, paint = rng.uniform(2.0, 9.0, (8, 6))[board], rng.uniform(0.05, 0.9, (8, 6))[board]
+    light = 2e4 * paint / far**2
+    stray = 2e-3 * light[::-1, ::-1]  # off two faces of the window, mirrored about the image's centre
+    seen = (light * far + stray * far[::-1, ::-1]) / (light + stray)
+    kept = np.flatnonzero(rng.random(u.size) < 0.05)
+    step, place = (a.ravel() for a in np.meshgrid(np.arange(6), kept, indexing="ij"))
+    across, down = u.ravel()[place], v.ravel()[place]
+    made = {
+        "step": step, "pixel_u": across, "pixel_v": down, "azimuth_deg": across - 31.5, "elevation_deg": down - 23.5,
+        "n_frames": np.full(step.size, 20.0),
+    }  # fmt: skip
+    for name, simulated, real, sigma in (
+        ("intensity_counts", light, light + stray, np.sqrt(light + 30.0)),
+        ("distance_m", far, seen, 0.004 + 0.001 * far),
+    ):
+        made[f"sim_{name}"], made[f"sim_{name}_std"] = simulated.ravel()[place], sigma.ravel()[place]
+        made[name] = real.ravel()[place] + sigma.ravel()[place] * rng.normal(size=step.size) / np.sqrt(20.0)
+    (found,) = diagnose(columns_of(pa.table(made)))[0].findings
+    assert found.effect == "optics.ghost"

@@ -74,7 +74,11 @@ def test_a_camera_has_no_room_and_beams_all_around_have_one_with_numbers_or_with
     view.columns.numbers["pixel_v"] = np.rint(view.number("elevation_deg"))
     view.columns.memo.clear()
     assert room_of(view, 1.0) is not None
-    view.columns.numbers["azimuth_deg"] = 0.2 * view.number("azimuth_deg")
+    whole = view.number("azimuth_deg")
+    view.columns.numbers["azimuth_deg"] = 0.4 * whole  # 143°, wider than any lens
+    view.columns.memo.clear()
+    assert room_of(View(view.columns), 1.0) is not None
+    view.columns.numbers["azimuth_deg"] = 0.2 * whole
     assert room_of(View(view.columns), 1.0) is not None  # as remembered of the table
     view.columns.memo.clear()
     assert room_of(View(view.columns), 1.0) is None
