@@ -57,8 +57,8 @@ _REPEAT_WORDS = frozenset({"repetition", "repeat", "rep", "trial", "scan", "swee
 """Words of a name that say the same was done again."""
 
 HALF_TURN_DEG = 130.0
-"""Span of azimuths beyond which rays are a scanner's that looks around: a camera's field is less wide, and a scanner's
-rays are too far apart for curves over the bearing, with no axis to lie about."""
+"""Span of azimuths beyond which rays are a scanner's that looks around: a camera's field is less wide. They have no
+axis to lie about, and are too far apart for curves over the bearing."""
 PIXEL_COLUMNS = frozenset({"pixel_u", "pixel_v", "azimuth_deg", "elevation_deg"})
 """Where a pixel is in the image, or looks."""
 FIELD_COLUMNS = ("~radius(field)", "~twist(field)")
