@@ -47,3 +47,24 @@ def test_rough_walls_are_one_finding_that_leaves_the_posts_out():
     (finding,) = diagnose(room(1, 11.0), effects=RIVALS)[0].findings
     assert finding.effect == "target.non_lambertian"
     assert sorted(finding.where["surface"]) == ["wall_e", "wall_n", "wall_s", "wall_w"]
+
+
+def test_a_small_board_among_ten_is_off_as_well_as_a_large_one():
+    rng = np.random.default_rng(5)
+    n = 4000
+    share = 0.75 ** np.arange(10)
+    board, step = rng.choice(10, n, p=share / share.sum()), rng.integers(0, 8, n)
+    away, paint = rng.uniform(1.5, 6.0, n), rng.uniform(0.1, 0.9, 10)
+    light = 9000.0 * paint[board] / away**2
+    paint[9] *= 1.03  # by a month of sun
+    real = 9000.0 * paint[board] / away**2 * (1.0 + 5e-4 * rng.normal(size=8)[step])
+    sigma = np.sqrt(light + 25.0)
+    columns = columns_of(pa.table({
+        "step": step, "time_s": step * 600.0 + rng.uniform(0.0, 300.0, n),
+        "surface": np.array(list("abcdefghij"))[board],
+        "true_range_m": away, "azimuth_deg": rng.uniform(-20.0, 20.0, n), "n_frames": np.full(n, 50.0),
+        "sim_intensity_counts": light, "sim_intensity_counts_std": sigma,
+        "intensity_counts": real + sigma / np.sqrt(50.0) * rng.normal(size=n),
+    }))  # fmt: skip
+    (finding,) = diagnose(columns, effects=RIVALS)[0].findings
+    assert (finding.effect, finding.where) == ("target.reflectance_error", {"surface": ["j"]})

@@ -19,6 +19,9 @@ from arl_fixtures.reconcile.effects_surface import light_share, pull_ranges, pul
 from arl_fixtures.reconcile.effects_targets import before, rows_before, target_column
 from arl_fixtures.reconcile.view import View
 
+_MOST = 16
+"""Surfaces of which any may be off: a small one stands in the scene as a large one does."""
+
 
 class ReflectanceError(LightFactor):
     """I *= 1 + error · (the surface's share of the pixel's light): 1 on the surface, in between at its border.
@@ -35,7 +38,7 @@ class ReflectanceError(LightFactor):
     def variants(self, view: View) -> Iterable[Variant]:
         """One per surface, the most seen first."""
         for channel in signals(view):
-            for surface in surface_names(view):
+            for surface in surface_names(view, _MOST):
                 yield Variant(
                     effect=self.id,
                     options={"channel": channel, "surface": surface},
