@@ -64,28 +64,35 @@ def still_grid(columns: Columns) -> tuple[ImageGrid, IntArray]:
 
 def at_angle(columns: Columns, rows: IntArray, angle: FloatArray) -> IntArray:
     """Whole-table row of the same ray at another stage angle, in whichever step; −1 where there is none."""
-    ray, own = columns.group("dut", *columns.ray_columns), columns.numbers["stage_angle_deg"]
-    turn = 4.0 * (float(np.nanmax(np.abs(own))) + 1.0)
-    key = ray * turn + own
-    order = np.argsort(key, kind="stable")
-    wanted = ray[rows] * turn + angle
+    key, order, turn = _swept(columns)
+    own = columns.numbers["stage_angle_deg"][rows]
+    wanted = key[rows] + (angle - own)
     place = np.clip(np.searchsorted(key[order], wanted - _SAME_DEG), 0, columns.n - 1)
     found = order[place]
-    return np.where(np.abs(key[found] - wanted) <= _SAME_DEG, found, -1)
+    near = (np.abs(key[found] - wanted) <= _SAME_DEG) & (np.abs(angle) < 0.25 * turn)
+    return np.where(near, found, -1)
 
 
 def next_angle(columns: Columns, rows: IntArray, steps: int, gap_deg: float) -> IntArray:
     """Whole-table row of the same ray at the nearest further stage angle of any step, −1 beyond `gap_deg`."""
-    ray, own = columns.group("dut", *columns.ray_columns), columns.numbers["stage_angle_deg"]
-    turn = 4.0 * (float(np.nanmax(np.abs(own))) + 1.0)
-    key = ray * turn + own
-    order = np.argsort(key, kind="stable")
-    ranked = key[order]
+    key, order, _ = _swept(columns)
     if steps > 0:
-        place = np.searchsorted(ranked, key[rows] + _SAME_DEG, side="right")
+        place = np.searchsorted(key[order], key[rows] + _SAME_DEG, side="right")
     else:
-        place = np.searchsorted(ranked, key[rows] - _SAME_DEG, side="left") - 1
+        place = np.searchsorted(key[order], key[rows] - _SAME_DEG, side="left") - 1
     inside = (place >= 0) & (place < columns.n)
     found = order[np.clip(place, 0, columns.n - 1)]
-    near = inside & (np.abs(key[found] - key[rows]) <= gap_deg * (1.0 + 1e-6))
+    near = inside & (np.abs(key[found] - key[rows]) <= gap_deg)
     return np.where(near, found, -1)
+
+
+def _swept(columns: Columns) -> tuple[FloatArray, IntArray, float]:
+    """Number of each row by its ray, then its stage angle in degrees; the rows in that order; from ray to ray."""
+    key = "still sweep"
+    if key not in columns.memo:
+        angle = columns.numbers["stage_angle_deg"]
+        turn = 4.0 * (float(np.nanmax(np.abs(angle))) + 1.0)  # no angle of one ray is near another's
+        number = columns.group("dut", *columns.ray_columns) * turn + angle
+        columns.memo[key] = number, np.argsort(number, kind="stable"), turn
+    found: tuple[FloatArray, IntArray, float] = columns.memo[key]
+    return found

@@ -2,8 +2,8 @@
 
 The engine works on whole blocks of rows (a subset of a large table). Neighbours are looked up in the *whole* table:
 where a neighbour is not among the rows under work, its simulated value is taken and scaled by what earlier stages did
-to the row itself. So an effect is written once and never learns which rows are worked on. Nor which an image lacks of
-a scene that stands still: those of other steps stand for them, scaled in the same way (see `still_scene`).
+to the row itself. So an effect is written once and never learns which rows are worked on. What an image lacks of a
+scene that stands still is taken from other steps in the same way (see `still_scene`).
 """
 
 from __future__ import annotations
