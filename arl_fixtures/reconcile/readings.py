@@ -3,7 +3,9 @@
 A logged temperature has the noise and the steps of its logger. Where an effect is strong, that noise is worth more
 than the frames' own: taken at its word it dilutes the effect's slope (errors in variables), and another column that
 happens to scatter less takes its name. So within a step a temperature is a line over time where its readings scatter
-about one like noise. Not where the channels follow the readings themselves: then these were no noise.
+about one like noise. Not where the channels follow the readings themselves: then these were no noise. Readings that
+were lost are on the line as well: a body has a temperature whether or not it was read, and rows on which an effect
+seemed to stop would speak against it.
 """
 
 from __future__ import annotations
@@ -52,18 +54,30 @@ def smooth_readings(columns: Columns, names: list[str] | None = None) -> list[st
         if unit_of(name) != "°C" or name in channels or name.startswith("sim_") or name not in columns.numbers:
             continue
         whole = columns.numbers[name]
-        reading = whole[images.first]
-        if not np.isfinite(whole).all() or np.any(reading[images.image] != whole):
+        lost, reading = ~np.isfinite(whole), _of_images(whole, images)
+        if np.any((reading[images.image] != whole) & ~lost):
             continue  # pixels of an image have temperatures of their own
         line = _line(reading, images)
-        noise = reading - line
-        if not noise.any():
+        if names is None and not np.isfinite(line).all():
+            continue  # a step without any tells nothing of how readings scatter
+        noise = np.nan_to_num(reading - line)
+        if not (noise.any() or lost.any()):
             continue
         if names is None and (_is_course(noise, images) or _is_followed(columns, images, reading, line)):
-            continue
+            if not lost.any():
+                continue
+            line = np.where(np.isfinite(reading), reading, line)
         columns.smoothed[name] = line[images.image]
         found.append(name)
     return found
+
+
+def _of_images(whole: FloatArray, images: _Images) -> FloatArray:
+    """A reading of each image; not finite where none of its rows has one."""
+    reading = whole[images.first].copy()
+    known = np.isfinite(whole)
+    reading[images.image[known]] = whole[known]
+    return reading
 
 
 def _images_of(columns: Columns) -> _Images | None:
@@ -94,13 +108,22 @@ def _less_mean(values: FloatArray, code: IntArray) -> FloatArray:
 
 
 def _line(reading: FloatArray, images: _Images) -> FloatArray:
-    """Least-squares line over time in each step; the reading itself where a step has too few."""
-    rest = _less_mean(reading, images.step)
-    square = np.bincount(images.step, images.time**2)
-    slope = np.bincount(images.step, images.time * rest) / np.maximum(square, 1e-300)
-    line = reading - rest + np.where(square > 0.0, slope, 0.0)[images.step] * images.time
-    few = np.bincount(images.step)[images.step] < FEWEST_READINGS
-    return np.asarray(np.where(few, reading, line))
+    """Least-squares line over time in each step; the reading itself where a step has too few, their mean where lost.
+
+    Not finite in a step without any reading.
+    """
+    known = np.isfinite(reading)
+    count = np.bincount(images.step, known.astype(float))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean, when = (
+            np.bincount(images.step, np.where(known, x, 0.0)) / count for x in (reading, images.time)
+        )
+        time, rest = images.time - when[images.step], np.where(known, reading - mean[images.step], 0.0)
+    square = np.bincount(images.step, np.where(known, time**2, 0.0))
+    slope = np.bincount(images.step, np.nan_to_num(time) * rest) / np.maximum(square, 1e-300)
+    line = mean[images.step] + np.where(square > 0.0, slope, 0.0)[images.step] * time
+    few = count[images.step] < FEWEST_READINGS
+    return np.asarray(np.where(few, np.where(known, reading, mean[images.step]), line))
 
 
 def _is_course(noise: FloatArray, images: _Images) -> bool:
@@ -127,7 +150,7 @@ def _is_followed(columns: Columns, images: _Images, reading: FloatArray, line: F
         mean = np.bincount(images.image[known], rest[known], minlength=len(images.first)) / weight
         between = _less_mean(line, images.step * 0)
         slope = float(between @ mean) / max(float(between @ between), 1e-300)
-        noise = reading - line
+        noise = np.nan_to_num(reading - line)
         left = mean - _line(mean, images)
         square = float(noise @ noise)
         within = float(noise @ left) / square

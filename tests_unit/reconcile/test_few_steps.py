@@ -115,7 +115,12 @@ def swing(_rng):
     return 0.2 * np.sin(2.0 * np.pi * np.tile(np.arange(ROWS), STEPS) / 30.0)
 
 
-@pytest.mark.parametrize("read", [scatter, swing])
+def lose(rng):
+    """A logger that drops every tenth reading."""
+    return np.where(rng.random(STEPS * ROWS) < 0.1, np.nan, 0.05 * rng.normal(size=STEPS * ROWS))
+
+
+@pytest.mark.parametrize("read", [scatter, swing, lose])
 def test_readings_off_by_themselves_hide_no_drift_of_centimetres(read):
     """All of the drift seems to be steps' scatter: as long as they count for nothing, rows say that there is none."""
     (finding,) = diagnose(start_pulse_table(21, read))[0].findings

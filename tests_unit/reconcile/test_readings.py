@@ -79,3 +79,11 @@ def test_where_no_times_were_written_each_row_is_a_reading():
     table = Columns(n=step.size, numbers=numbers, categories={}, channels=find_channels(set(numbers)))
     assert smooth_readings(table) == ["tof_temperature_c"]
     assert np.std(View(table).number("tof_temperature_c") - body) < 0.1
+
+
+def test_readings_that_were_lost_are_what_the_others_of_their_step_say():
+    table, body = bench(lambda body, _rng: body, lambda body, _logged: body)
+    lost = np.random.default_rng(4).random(body.size) < 0.3
+    table.numbers["tof_temperature_c"][lost] = np.nan
+    assert smooth_readings(table) == ["tof_temperature_c"]
+    assert View(table).number("tof_temperature_c") == pytest.approx(body, abs=1e-6)
