@@ -16,8 +16,8 @@ SMALL_ROWS = 14_000
 STEP_SHARE, LARGE_STEPS = 0.3, 1.5
 """Share of the steps' scatter with which candidates are screened anew, where it is that much larger than stated."""
 START_SHARES = (STEP_SHARE, 0.0)
-"""Shares from which they are fitted: a law may be all of what steps seem to scatter, and rows whose temperature was
-read a little off hold it back while steps count for next to nothing."""
+"""Shares from which they are fitted: a law may be all of what steps seem to scatter where nobody says how much they
+do, and rows whose temperature was read a little off hold it back while steps count for next to nothing."""
 
 
 def small_part(full: Problem) -> Problem:
@@ -50,7 +50,7 @@ def steps_alike(problem: Problem, state: State, share: float = STEP_SHARE) -> It
         for d in problem.data:
             tau, level = d.tau, d.level("step")
             least = max(level.floor, d.alone(level)) if level is not None else np.inf
-            if tau.get("step", 0.0) < LARGE_STEPS * least:
+            if tau.get("step", 0.0) < LARGE_STEPS * least or (level is not None and level.declared and share == 0.0):
                 continue
             before = d.likelihood(d.residual(state))
             d.rebuild({**tau, "step": max(share * tau["step"], least)})
