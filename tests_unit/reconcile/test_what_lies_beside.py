@@ -4,18 +4,8 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
-
-RIVALS = [
-    library()[name]
-    for name in (
-        "air.multipath", "optics.veiling_glare", "detector.compression", "detector.pile_up", "timing.range_walk",
-        "timing.clock_scale", "target.reflectance_error", "target.edge_mixing",
-    )
-]  # fmt: skip
-"""Who else may change light and range of a spot that lies near a wall."""
 
 
 def by_the_wall(beside, ahead, albedo):
@@ -57,7 +47,7 @@ def test_light_by_way_of_a_wall_whose_distance_was_logged(white):
         "distance_m": far + share / (1.0 + share) * longer + blur * rng.normal(size=n) / np.sqrt(30.0),
         "intensity_counts": light * (1.0 + share) + error * rng.normal(size=n) / np.sqrt(30.0),
     }))  # fmt: skip
-    found = diagnose(made, effects=RIVALS)[0].findings
+    found = diagnose(made)[0].findings
     assert [f.effect for f in found] == ["air.multipath"]
     assert found[0].drivers[0] == ("gap_to_sidewall_m" if white else "corner_distance_m")
 
