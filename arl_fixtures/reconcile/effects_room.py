@@ -16,7 +16,8 @@ from scipy.spatial import cKDTree
 from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, signals
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column, turns_round
 from arl_fixtures.reconcile.effects_planes import directions
-from arl_fixtures.reconcile.effects_still import ALIKE, apart, both
+from arl_fixtures.reconcile.effects_still import apart, both
+from arl_fixtures.reconcile.still_scene import ALIKE
 from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]

@@ -9,12 +9,11 @@ from scipy.interpolate import Akima1DInterpolator
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effects_common import distances
+from arl_fixtures.reconcile.still_scene import ALIKE
 from arl_fixtures.reconcile.view import View
 
 BEYOND_DEG = 6.0
 """How far a curve goes on beyond the image on either side."""
-ALIKE = 1e-3
-"""Share of a simulated distance by which a pixel's may differ in images of one scene."""
 _FEWEST_BENT = 4
 _DIGITS = 3.0
 """Distances of a scene are told apart by their logarithm in steps of `ALIKE` times so many."""

@@ -8,10 +8,9 @@ import numpy as np
 
 from arl_fixtures.reconcile.effects_common import FloatArray, per_table, per_view, rounded
 from arl_fixtures.reconcile.grouping import GAP_SHARE
+from arl_fixtures.reconcile.still_scene import SAME_DEG
 from arl_fixtures.reconcile.view import IntArray, View
 
-_SAME_DEG = 1e-3
-"""Readings of one stage position agree this closely."""
 _MOST_LACKING = 3.0
 """Positions that a hole of a sweep may be back to the next one known."""
 _FEWEST_MOVES, _OFF_STRIDE = 5, 0.02
@@ -49,7 +48,7 @@ def stays(view: View) -> tuple[IntArray, IntArray, IntArray]:
     angle, cell = table.numbers["stage_angle_deg"], table.group(*table.sweep_columns)
     order = np.lexsort((angle, table.sweep_order, cell))
     fresh = np.ones(table.n, dtype=bool)
-    fresh[1:] = (np.abs(np.diff(angle[order])) > _SAME_DEG) | (np.diff(cell[order]) != 0)
+    fresh[1:] = (np.abs(np.diff(angle[order])) > SAME_DEG) | (np.diff(cell[order]) != 0)
     return order, np.cumsum(fresh) - 1, order[fresh]
 
 
@@ -94,7 +93,7 @@ def thinned_by(view: View) -> float:
         first = stays(view)[2]
         angle, cell = table.numbers["stage_angle_deg"][first], table.group(*table.sweep_columns)[first]
         moved = np.abs(np.diff(angle))[(np.diff(cell) == 0) & np.isfinite(np.diff(angle))]
-        moved = moved[moved > _SAME_DEG]
+        moved = moved[moved > SAME_DEG]
         if moved.size < _FEWEST_MOVES:
             return 0.0
         for part in (1, 2, 3):
@@ -145,7 +144,7 @@ def stride_of(view: View) -> float:
     def make() -> float:
         angle = view.columns.numbers["stage_angle_deg"]
         gap = np.diff(np.unique(angle[np.isfinite(angle)]))
-        gap = gap[gap > _SAME_DEG]
+        gap = gap[gap > SAME_DEG]
         return rounded(float(np.median(gap))) if gap.size else 0.0
 
     return per_table(view, "stride", make)
@@ -182,6 +181,6 @@ def missing_before(view: View) -> FloatArray:
             told = way_back(view, longest_s(view)).back_deg[view.rows]
         told = np.nan_to_num(told)
         own = view.take_number("stage_angle_deg", view.acquired_place(1)) - angle
-        return np.asarray(np.where(told == 0.0, guessed, np.where(np.abs(own - told) <= _SAME_DEG, 0.0, told)))
+        return np.asarray(np.where(told == 0.0, guessed, np.where(np.abs(own - told) <= SAME_DEG, 0.0, told)))
 
     return per_view(view, "missing before", make)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.channel_data import ChannelData
+from arl_fixtures.reconcile.columns import BoolArray, FloatArray
 from arl_fixtures.reconcile.direct import FIRST_STEP, loss, refine, secant, undiminished
 from arl_fixtures.reconcile.effect import Parameter, State
 from arl_fixtures.reconcile.effects_surface import borders, mixed_rows
@@ -244,9 +245,14 @@ def hold_back_edges(problem: Problem, found: Fit) -> None:
         moved = [np.abs(state[name] - found.state[name])[d.use] / error for state in states]
         left = np.abs(d.residual(found.state)) / error
         held = ((moved[0] > MOVED_FAR) | (moved[1] > MOVED) | (moved[2] > MOVED)) & (left > KEPT_Z)
-        if held.any():
-            d.trust = np.where(held, np.minimum(d.trust, (KEPT_Z / np.maximum(left, KEPT_Z)) ** 2), d.trust)
-            d.rebuild(d.tau)
+        _hold_back(d, held, left)
+
+
+def _hold_back(d: ChannelData, held: BoolArray, left: FloatArray) -> None:
+    """Limit the weight of some of a channel's rows to that of `KEPT_Z` standard errors; left: theirs, in these."""
+    if held.any():
+        d.trust = np.where(held, np.minimum(d.trust, (KEPT_Z / np.maximum(left, KEPT_Z)) ** 2), d.trust)
+        d.rebuild(d.tau)
 
 
 OF_SURFACES = {"incidence_deg", "surface", "reflectance"}
@@ -265,9 +271,7 @@ def _hold_back_mixed(problem: Problem, found: Fit) -> None:
         moved = np.abs(without[name] - found.state[name])[d.use] / error > MOVED
         left = np.abs(d.residual(found.state)) / error
         held = mixed[d.use] & moved & (left > KEPT_Z)
-        if held.any():
-            d.trust = np.where(held, np.minimum(d.trust, (KEPT_Z / np.maximum(left, KEPT_Z)) ** 2), d.trust)
-            d.rebuild(d.tau)
+        _hold_back(d, held, left)
 
 
 def _hold_back_unsure(problem: Problem, found: Fit) -> None:
@@ -279,9 +283,7 @@ def _hold_back_unsure(problem: Problem, found: Fit) -> None:
         for d in problem.data:
             if d.channel.name in term.variant.channels:
                 left = np.abs(d.residual(found.state)) / (d.stated * d.spread)
-                held = unsure[d.use] & (left > KEPT_Z)
-                d.trust = np.where(held, np.minimum(d.trust, (KEPT_Z / np.maximum(left, KEPT_Z)) ** 2), d.trust)
-                d.rebuild(d.tau)
+                _hold_back(d, unsure[d.use] & (left > KEPT_Z), left)
 
 
 def within_reach(problem: Problem, others: Sequence[Term], term: Term) -> Term:

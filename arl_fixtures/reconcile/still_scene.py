@@ -13,7 +13,7 @@ from arl_fixtures.reconcile.image_grid import ImageGrid
 
 ALIKE = 1e-3
 """Share of a simulated value by which it may differ between steps."""
-_SAME_DEG = 1e-3
+SAME_DEG = 1e-3
 """Readings of one stage position agree this closely."""
 _SHARED = 0.1
 """Share of the rows whose ray and angle another step must hold as well, for steps to be compared at all."""
@@ -67,9 +67,9 @@ def at_angle(columns: Columns, rows: IntArray, angle: FloatArray) -> IntArray:
     key, order, turn = _swept(columns)
     own = columns.numbers["stage_angle_deg"][rows]
     wanted = key[rows] + (angle - own)
-    place = np.clip(np.searchsorted(key[order], wanted - _SAME_DEG), 0, columns.n - 1)
+    place = np.clip(np.searchsorted(key[order], wanted - SAME_DEG), 0, columns.n - 1)
     found = order[place]
-    near = (np.abs(key[found] - wanted) <= _SAME_DEG) & (np.abs(angle) < 0.25 * turn)
+    near = (np.abs(key[found] - wanted) <= SAME_DEG) & (np.abs(angle) < 0.25 * turn)
     return np.where(near, found, -1)
 
 
@@ -77,9 +77,9 @@ def next_angle(columns: Columns, rows: IntArray, steps: int, gap_deg: float) -> 
     """Whole-table row of the same ray at the nearest further stage angle of any step, −1 beyond `gap_deg`."""
     key, order, _ = _swept(columns)
     if steps > 0:
-        place = np.searchsorted(key[order], key[rows] + _SAME_DEG, side="right")
+        place = np.searchsorted(key[order], key[rows] + SAME_DEG, side="right")
     else:
-        place = np.searchsorted(key[order], key[rows] - _SAME_DEG, side="left") - 1
+        place = np.searchsorted(key[order], key[rows] - SAME_DEG, side="left") - 1
     inside = (place >= 0) & (place < columns.n)
     found = order[np.clip(place, 0, columns.n - 1)]
     near = inside & (np.abs(key[found] - key[rows]) <= gap_deg)
