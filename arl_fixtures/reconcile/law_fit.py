@@ -56,7 +56,7 @@ class Chosen:
 
     def cost(self) -> float:
         """Log-likelihood that the terms must bring: what their coefficients pay, and what choosing them is worth."""
-        return sum(_paid(t, v) + t.basis.price for t, v in zip(self.terms, self.values, strict=True))
+        return sum(paid(t, v) + t.basis.price for t, v in zip(self.terms, self.values, strict=True))
 
 
 def joint(work: Work, terms: list[Candidate]) -> Chosen:
@@ -102,7 +102,7 @@ def scatter_where(change: FloatArray, left: FloatArray, image: IntArray | None =
     return max(alone, together, 1.0)
 
 
-def _paid(term: Candidate, values: FloatArray) -> float:
+def paid(term: Candidate, values: FloatArray) -> float:
     """What fitted coefficients take from the likelihood at their best: one each, or as much as their prior asks.
 
     With the prior N(0, S) the marginal likelihood is the one at the fit less ½·log|1 + S·G| and ½·v'S⁻¹v, G the sums

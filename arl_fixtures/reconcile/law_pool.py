@@ -47,6 +47,8 @@ IMAGE, ORDERS = ("pixel_u", "pixel_v"), ("step", "time_s", "cycle", "stage_angle
 MOST_MARKS, MOST_REFINED, FEW_SETTINGS = 20, 10, 4
 PRICE_MARK, PRICE_ZERO = 2.0, 2.0
 """Further price of a term that holds in one category only, and of saying where one of its factors is zero."""
+MOST_BITS = 3
+"""Bits of a converter, or two of them together, that may be off under a condition."""
 UNSHIFTED = frozenset({"is", "ratio", "step", "band", "above", "below", "parity", "one"})
 """Functions whose zero means something."""
 ALIKE = 0.98
@@ -105,7 +107,8 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
         alone = [m.basis for n in names for m in pool.items if m.basis.columns == (n,) and not m.basis.waves][:80]
         pool.add(Basis(axes=(*b.axes, signal), prior=b.prior, price=b.price + 1.0) for b in alone)
         pool.add(_beating(work, signal))
-    pool.add(_of_bits(work, looker, signal))
+    bits = pool.add(_of_bits(work, looker, signal))
+    pool.add(_where_bits(work, sorted(bits, key=lambda m: -m.gain)[:MOST_BITS], names, simple))
     pool.add(_pairs(work, looker, names, simple))
     pool.add(_moving(work, names, (*ORDERS, *view.temperatures()[:2])))
     lines = [m.basis.axes[0] for n in names for m in simple.get(n, []) if m.basis.axes[0].kind == "linear"]
@@ -184,6 +187,25 @@ def _of_bits(work: Work, looker: Looker, signal: Axis | None) -> Iterator[Basis]
     ]
     yield from (Basis(axes=axes, price=PRICE_ONE + 1.0) for axes in bits)
     yield from (Basis(waves=two, price=PRICE_TWO + 2.0) for two in itertools.combinations(bits, 2))
+
+
+def _where_bits(
+    work: Work, bits: Sequence[Candidate], names: Sequence[str], simple: dict[str, list[Candidate]]
+) -> Iterator[Basis]:
+    """Errors of bits that come with a temperature or a supply, or in a part of the image: one of many converters."""
+    for basis in (item.basis for item in bits):
+        for name in (n for n in names if n not in basis.columns):
+            price = basis.price + price_of((name,)) + PRICE_PRODUCT + _shared_price(work, (name,))
+            for where in (item.basis.axes[0] for item in _varied(simple.get(name, []))):
+                waves = tuple((*product, where) for product in basis.waves)
+                axes = basis.axes if waves else (*basis.axes, where)
+                yield replace(basis, axes=axes, waves=waves, price=price)
+                if not waves and basis.axes[1:]:  # a bad contact reads high or low, whatever the code has there
+                    yield replace(basis, axes=(), waves=(axes, axes[1:]), price=price + PRICE_ZERO)
+            curve = curve_axis(name, work.features[name], KNOTS)
+            if curve and not basis.waves:
+                for of_curve in curves_of(curve, price + 1.0):
+                    yield replace(of_curve, axes=(*of_curve.axes, *basis.axes))
 
 
 def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, list[Candidate]]) -> Iterator[Basis]:

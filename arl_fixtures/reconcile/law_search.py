@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy import stats
 
 from arl_fixtures.reconcile.boosting import Binned, Boosted, bin_columns
 from arl_fixtures.reconcile.channel_data import ChannelData
+from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.grouping import WITHIN_IMAGES
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm, axes_of
@@ -32,10 +32,9 @@ from arl_fixtures.reconcile.law_pool import (
     recurs,
 )
 from arl_fixtures.reconcile.law_shape import sharpened
+from arl_fixtures.reconcile.law_steps import of_few_steps, without_chance
 from arl_fixtures.reconcile.law_work import ALL_ROWS, MOST_ROWS, Work
-from arl_fixtures.reconcile.noise import Level
 from arl_fixtures.reconcile.pilot import Looker, Structure
-from arl_fixtures.reconcile.robust import LEAST_TAIL, log_beta
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.stated import surprise_shared
 
@@ -111,21 +110,6 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
     return law, chosen
 
 
-def of_few_steps(gain: float, coefficients: int, steps: Level | None) -> float:
-    """What a gain of likelihood is worth where the steps' scatter is told from the very steps that a law explains.
-
-    With n steps of unknown variance the likelihood gains n/2 ln(1 + k F/ν) for an F ratio of (k, ν = n − 1 − k)
-    degrees; the chi-squared/2 of k degrees that is as unlikely is what it would be if the scatter were known.
-    """
-    if steps is None or steps.declared or steps.floor > 0.0 or gain <= 0.0:
-        return gain
-    freedom = steps.count - 1 - coefficients
-    if freedom < 1:
-        return 0.0
-    tail = log_beta(-2.0 * gain / steps.count, 0.5 * freedom, 0.5 * coefficients)
-    return -tail if tail < LEAST_TAIL else 0.5 * float(stats.chi2.isf(np.exp(tail), coefficients))
-
-
 def _starts(data: ChannelData, *, within_images: bool = False) -> list[dict[str, float]]:
     """Scatters to start from: pixels, angles and images share nothing, steps ever less where they seem to share much.
 
@@ -167,10 +151,13 @@ def _from_start(
         return law, chosen
     work = Work(data, state, looker.features, tau, ALL_ROWS)
     sim = state[data.channel.name]
-    final = harmless(
-        work, confirm(work, [t.basis for t in chosen.terms]), data, data.residual(state),
-        lambda terms: data.expect * law_of(terms, data).correction(looker.features, sim)[data.use],
-    )  # fmt: skip
+    residual = data.residual(state)
+
+    def changed(terms: Chosen) -> FloatArray:
+        return data.expect * law_of(terms, data).correction(looker.features, sim)[data.use]
+
+    final = harmless(work, confirm(work, [t.basis for t in chosen.terms]), data, residual, changed)
+    final = without_chance(work, final, data, residual, changed)
     final.shared = all(work.is_shared(t.basis.columns) for t in chosen.terms)
     return law_of(final, data), final
 

@@ -57,3 +57,37 @@ def test_frames_that_scatter_over_a_carry_have_the_bit_set_in_a_part_of_them():
     for code in (1000.0, 1024.0, 1100.0, 1530.0, 2047.0):
         frames = np.round(code + 40.0 * rng.normal(size=200_000)).astype(int)
         assert is_set(np.array([code]), 512.0, 40.0)[0] == pytest.approx(np.mean((frames >> 9) & 1), abs=0.01)
+
+
+def test_a_bit_that_is_off_in_the_cold_is_told_with_its_temperature_and_not_by_what_steps_share(save, tmp_path):
+    def of_cold(seed, cycles, cycle):
+        """Frames in which a line of one bit contacts the less often the colder it is, of steps that scatter."""
+        rng = np.random.default_rng(seed)
+        step = np.repeat(np.arange(16 * cycles), 150)
+        celsius = np.array([20, -5, 5, 15, 30, 50, 65, 85, 70, 57, 45, 30, 17, 3, -10, -25] * cycles)[step] + 0.0
+        light = np.exp(rng.uniform(np.log(90.0), np.log(3200.0), step.size))
+        sigma = np.sqrt(30.0 + 0.3 * light)
+        gain = 1.0 + 3.4e-3 * rng.normal(size=16 * cycles)[step]
+        open_line = 0.15 / (1.0 + np.exp((celsius + 5.0) / 2.0))
+        frames = np.round((light * gain)[:, None] + sigma[:, None] * rng.normal(size=(step.size, FRAMES)))
+        pulled_up = (rng.random(frames.shape) < open_line[:, None]) & (frames.astype(int) & 64 == 0)
+        steady = np.round(light[:, None] + sigma[:, None] * rng.normal(size=(step.size, 400)))
+        truth = light + 64.0 * open_line * np.mean(steady.astype(int) & 64 == 0, axis=1)
+        return {
+            "cycle": (cycle + step // 16).astype(float), "step": (step % 16).astype(float),
+            "housing_temperature_c": celsius, "n_frames": np.full(step.size, FRAMES),
+            "sim_intensity_counts": light, "sim_intensity_counts_std": sigma,
+            "intensity_counts": (frames + 64.0 * pulled_up).mean(axis=1),
+        }, truth  # fmt: skip
+
+    seen, (unseen, truth) = of_cold(7, 2, 1)[0], of_cold(8, 1, 3)
+    reconcile(save(tmp_path / "t.parquet", seen), tmp_path / "out")
+    (finding,) = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["findings"]
+    assert finding["effect"] == "unknown"
+    assert set(finding["drivers"]) == {"sim_intensity_counts", "housing_temperature_c"}
+    simulated = {name: values for name, values in unseen.items() if name != "intensity_counts"}
+    predict(tmp_path / "out", save(tmp_path / "u.parquet", simulated), tmp_path / "p.parquet")
+    said = pq.read_table(tmp_path / "p.parquet")["corrected_intensity_counts"].to_numpy()
+    noise = unseen["sim_intensity_counts_std"]
+    left, before = (float(np.sum(((x - truth) / noise) ** 2)) for x in (said, unseen["sim_intensity_counts"]))
+    assert 1.0 - left / before > 0.75

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from arl_fixtures.reconcile.law_search import is_law, of_few_steps, search_law
+from arl_fixtures.reconcile.law_search import is_law, search_law
+from arl_fixtures.reconcile.law_steps import of_few_steps
 from arl_fixtures.reconcile.noise import Level
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.problem import Problem
