@@ -5,7 +5,7 @@ A calibration of the device (a gain, an additive signal, a constant range) is ta
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,7 @@ class Sample:
         spots: of the sample; pixel: of each spot, a number.
         signal: simulated; beam: illumination of the pixel; range_m: simulated; empty where the table has none.
         pedestal: additive signal; ahead_m: constant range; gain: of the signal over beam and light.
+        looked: light and range of the spots by optics and height: they are the same whatever the calibration is.
     """
 
     spots: Spots
@@ -58,6 +59,9 @@ class Sample:
     pedestal: float = 0.0
     ahead_m: float = 0.0
     gain: float = 1.0
+    looked: dict[tuple[Optics, float], tuple[FloatArray, FloatArray]] = field(
+        default_factory=dict, repr=False, compare=False
+    )
 
     def off(self, optics: Optics, height_m: float) -> tuple[FloatArray, FloatArray]:
         """Logarithm of light and range that a bench leaves; NaN where not seen."""
@@ -98,13 +102,16 @@ class Sample:
 
     def _seen(self, optics: Optics, height_m: float) -> tuple[FloatArray, FloatArray]:
         """Light and range of the spots through optics, from a height."""
-        spots = self.spots
-        placed = Spots(
-            u=spots.u, v=spots.v, stage_deg=spots.stage_deg, height_m=np.full(spots.u.size, height_m)
-        )  # fmt: skip
-        light, moment = look(optics, placed)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return light, moment / light
+        known = self.looked.get((optics, height_m))
+        if known is None:
+            spots = self.spots
+            placed = Spots(
+                u=spots.u, v=spots.v, stage_deg=spots.stage_deg, height_m=np.full(spots.u.size, height_m)
+            )  # fmt: skip
+            light, moment = look(optics, placed)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                known = self.looked[optics, height_m] = light, moment / light
+        return known
 
 
 def shows_its_edges(samples: list[tuple[Sample, float]], soft: Optics) -> bool:
