@@ -30,6 +30,32 @@ def is_swept(view: View, current: str) -> bool:
     return high - low > _LEAST_RANGE * most and 1 < levels.size <= _MOST_LEVELS and _OFTEN * levels.size < values.size
 
 
+def driving_currents(view: View, channel: str) -> tuple[str, ...]:
+    """Currents that are driven through a range, that which the simulated signal follows most first.
+
+    A fan's or a supply's current varies as well, and comes first in an alphabet.
+    """
+
+    def make() -> tuple[str, ...]:
+        light = view.columns.numbers[f"sim_{channel}"]
+        told = {name: _told_by(view.columns.numbers[name], light) for name in view.currents() if is_swept(view, name)}
+        return tuple(sorted(told, key=lambda name: -told[name]))
+
+    return per_table(view, ("driving currents", channel), make)
+
+
+def _told_by(drive: FloatArray, light: FloatArray) -> float:
+    """Share of a signal's variance between parts of a current's range."""
+    good = np.isfinite(drive) & np.isfinite(light)
+    if not good.any():
+        return 0.0
+    drive, light = drive[good], light[good] - light[good].mean()
+    place = _PARTS * (drive - drive.min()) / max(float(np.ptp(drive)), 1e-300)
+    part = np.minimum(place.astype(np.int64), _PARTS - 1)
+    count, sums = np.bincount(part), np.bincount(part, light)
+    return float(np.sum(sums**2 / np.maximum(count, 1)) / max(float(light @ light), 1e-300))
+
+
 def light_current(view: View, channel: str, current: str) -> tuple[FloatArray, FloatArray]:
     """The simulation's signal as a function of the drive current, means over levels."""
 
@@ -69,6 +95,8 @@ def _with_threshold(knots: FloatArray, curve: FloatArray) -> tuple[FloatArray, F
     return np.insert(knots, k + 1, place), np.insert(curve, k + 1, light)
 
 
+_PARTS = 20
+"""Parts of a current's range over which a signal is compared."""
 _KINK = 3.0
 """How much steeper a curve is above its threshold than below."""
 _LEVELS = 200.0

@@ -21,7 +21,7 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
     temperature_drivers,
 )
-from arl_fixtures.reconcile.effects_light_current import is_swept, shifted
+from arl_fixtures.reconcile.effects_light_current import driving_currents, shifted
 from arl_fixtures.reconcile.effects_logged import step_mean
 from arl_fixtures.reconcile.effects_one_laser import all_readouts, apply_to_all, with_all_readouts
 from arl_fixtures.reconcile.roles import Role, unit_of
@@ -58,16 +58,16 @@ class ThermalRolloff(LightFactor):
 
     def _variants(self, view: View) -> Iterable[Variant]:
         columns = temperature_drivers(view, "laser_temperature_c", "heatsink_temperature_c", "housing_temperature_c")
-        currents = view.currents()
         for channel in signals(view):
-            for current in [name for name in currents[:1] if is_swept(view, name)]:
+            currents = driving_currents(view, channel)
+            for current in currents[:1]:
                 yield self._by_own_heat(view, channel, current, columns[0] if columns else "")
             for column in columns[:2]:
                 low, high = view.span(column)
                 wide = high - low
                 slope = amplitude("slope", "1/K", 0.0, 4.0 / wide, 0.05 / wide)
                 growth = shape("growth", "1/K", 0.0, 8.0 / wide, 0.0, 3.0 / wide)
-                if currents and is_swept(view, currents[0]):
+                if currents:
                     reach = float(np.subtract(*view.span(currents[0])[::-1]))
                     each = f"{unit_of(currents[0])}/K"
                     shift = amplitude("threshold_shift", each, 0.0, reach / wide, 0.02 * reach / wide)

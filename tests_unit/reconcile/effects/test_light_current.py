@@ -102,3 +102,19 @@ def test_what_a_laser_does_all_that_see_its_light_show():
         assert left_over(view, state, channel) < 0.3
     np.testing.assert_array_equal(state["ambient_light_w"], view.sim["ambient_light_w"])
     assert {"optical_power_w", "monitor_current_a"} <= set(joint.channels)
+
+
+def test_the_current_that_the_light_follows_drives_the_laser_and_not_the_fans():
+    rng = np.random.default_rng(4)
+    current, temperature = (a.ravel() for a in np.meshgrid(np.repeat([1.8, 2.2, 2.6, 3.0], 9), [5.0, 25.0, 45.0]))
+    columns = {
+        "fan_current_a": 0.3 + 0.002 * temperature + 0.05 * rng.random(current.size), "laser_current_a": current,
+        "bracket_current_a": rng.choice([1.0, 2.0], size=current.size), "laser_temperature_c": temperature,
+        "sim_photodiode_w": carriers(current, np.full_like(current, 1.0)),
+        "photodiode_w": carriers(current, 1.0 + 0.005 * (temperature - 25.0)),
+    }  # fmt: skip
+    view = View(make_columns(columns, {}, shuffle=None)[0])
+    state = corrected(
+        view, variant_of(view, "laser.thermal_rolloff", kind="curve"), threshold_shift=0.005, reference=25.0
+    )
+    assert left_over(view, state, "photodiode_w") < 0.01
