@@ -78,13 +78,13 @@ def smooth_part(
 
 def _inside(view: View) -> FloatArray:
     """Turn, degrees, up to which a ray stays on its surface: of pixels that see one only, where others see two."""
-    pure, columns = _pure(view), view.columns
+    pure, columns = pure_rows(view), view.columns
     if pure.all() or "pixel_u" not in columns.numbers:
         return np.zeros(columns.n)
     return np.where(pure, _INSIDE * pixel_width(view), 0.0)
 
 
-def _pure(view: View) -> NDArray[np.bool_]:
+def pure_rows(view: View) -> NDArray[np.bool_]:
     """Rows of the whole table that are not said to see two surfaces."""
     table = view.columns
     if "mixed" not in table.categories:
@@ -104,7 +104,7 @@ def _make(view: View, sign: float) -> FloatArray:
         far = table.numbers["true_range_m"]
     codes, _ = table.categories["surface"]
     seen = np.isfinite(far) & (far > 0.0) & (codes >= 0)
-    pure = seen & _pure(view)
+    pure = seen & pure_rows(view)
     rays = directions(view, sign)
     for code in np.unique(codes[pure]):
         rows = np.flatnonzero(seen & (codes == code))

@@ -12,7 +12,7 @@ from arl_fixtures.reconcile.effects_common import FloatArray, distances, light_c
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illumination, log_profile
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.effects_render import as_simulated, rendered
-from arl_fixtures.reconcile.effects_room import changes_in_room, room_of
+from arl_fixtures.reconcile.effects_room import changes_in_room, on_planes, room_of
 from arl_fixtures.reconcile.effects_scene import Scene, curves_over_bearing, pixel_width, scene
 from arl_fixtures.reconcile.effects_sweep import along_sweep
 from arl_fixtures.reconcile.view import IntArray, View
@@ -287,8 +287,19 @@ def changes_elsewhere(view: View, turn: FloatArray | float, lift: FloatArray | f
     if found is None or not found.curves:
         return {}
     room = room_of(view, found.sign)
-    if room is not None:
-        return changes_in_room(view, room, turn, lift)
+    if room is None:
+        return _along_curves(found, view, turn, lift)
+    told, planes = per_view(view, "on planes", lambda: on_planes(view)), changes_in_room(view, room, turn, lift)
+    if told.all():
+        return planes
+    curves = _along_curves(found, view, turn, lift)
+    return {name: np.where(told, change, curves.get(name, change)) for name, change in planes.items()}
+
+
+def _along_curves(
+    found: Scene, view: View, turn: FloatArray | float, lift: FloatArray | float
+) -> dict[str, FloatArray]:  # fmt: skip
+    """The same from the scene's curves over the bearing."""
     el = elevation(view)
     before, after = dict(_here(found, view)), _at(found, view, turn, lift)
     patchy = found.patchy[view.rows]

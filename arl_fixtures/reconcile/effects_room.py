@@ -1,4 +1,4 @@
-"""The surfaces about a scanner without a grid of pixels, found from its own table: a plane for every ray.
+"""The surfaces about a scanner or a few pixels of a camera, found from their own table: a plane for every ray.
 
 Rays of a scanner lie on rings that are far apart, or anywhere: no curve over the bearing joins them. But rooms are
 made of planes, and 1/range is linear in a ray's direction on one: 1/R = m·d, m the plane's normal over its distance.
@@ -15,7 +15,8 @@ from scipy.spatial import cKDTree
 
 from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, signals
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column, turns_round
-from arl_fixtures.reconcile.effects_planes import directions
+from arl_fixtures.reconcile.effects_planes import directions, pure_rows
+from arl_fixtures.reconcile.effects_scene import gap_of, pixel_width, scene
 from arl_fixtures.reconcile.effects_still import apart, both
 from arl_fixtures.reconcile.still_scene import ALIKE
 from arl_fixtures.reconcile.view import View
@@ -45,6 +46,8 @@ _UNIT, _AS_MET = 0.02, 0.02
 """Error of a unit normal's length up to which neighbours tell it, and by how much, against 1/range, a plane may lean
 otherwise than it is met."""
 _RIDGE = 1e-6
+_SPARSE = 1.5
+"""Pixels' widths between rays of a camera from which what lies between two of them is not seen."""
 _FARTHEST, _MOST_LOG = 2.0, 4.0
 """Factor by which a turned ray's range may change, and the logarithm of that of its light."""
 
@@ -71,7 +74,7 @@ class Room:
 
 
 def room_of(view: View, sign: float) -> Room | None:
-    """The planes about a scanner, or a beam that a stage turns; None where the table has a camera's pixels."""
+    """The planes about a scanner, a beam that a stage turns, or a camera's pixels that are far apart; else None."""
     return per_table(view, ("room", sign), lambda: _make(view, sign))
 
 
@@ -121,7 +124,7 @@ def _make(view: View, sign: float) -> Room | None:
     table = view.columns
     if not (distances(view) and (view.varies("azimuth_deg") or view.varies("stage_angle_deg"))):
         return None
-    if (view.varies("pixel_u") or view.varies("pixel_v")) and not turns_round(view):
+    if _has_grid(view) and not _is_sparse(view):
         return None
     everywhere = directions(view, sign)  # a stage turns rays to where others looked before
     far = table.numbers[f"sim_{distances(view)[0]}"]
@@ -140,10 +143,11 @@ def _make(view: View, sign: float) -> Room | None:
     beyond: dict[str, FloatArray] = {}
     sent: dict[str, FloatArray] = {}
     rival, fold = np.arange(first.size), np.zeros(first.size)
+    whole = pure_rows(view) if _has_grid(view) else np.ones(view.columns.n, dtype=bool)
     for name in distances(view):
         with np.errstate(invalid="ignore", divide="ignore"):
             target = 1.0 / table.numbers[f"sim_{name}"][first]
-        target = np.where(np.isfinite(target), target, np.nan)
+        target = np.where(np.isfinite(target) & whole[first], target, np.nan)
         slope = _as_met(view, first, direction, near, target, _slopes(direction, near, target))
         slope = _level(view, first, direction, target, slope)
         slope = _of_surfaces(view, first, direction, target, place[first], slope)
@@ -155,6 +159,28 @@ def _make(view: View, sign: float) -> Room | None:
     with np.errstate(invalid="ignore", divide="ignore"):
         brighter = {signal: (of_ray[rival] / of_ray)[of_code[code]] for signal, of_ray in sent.items()}
     return Room(sign, slopes, beyond, brighter, np.where(known[code], fold[of_code[code]], 0.0))
+
+
+def on_planes(view: View) -> NDArray[np.bool_]:
+    """Rows under work that planes tell all of: of a camera's pixels those that see one surface each."""
+    return pure_rows(view)[view.rows] if _has_grid(view) else np.ones(view.n, dtype=bool)
+
+
+def _has_grid(view: View) -> bool:
+    return (view.varies("pixel_u") or view.varies("pixel_v")) and not turns_round(view)
+
+
+def _is_sparse(view: View) -> bool:
+    """Whether no curve over the bearing joins a camera's rays that see one surface each: few pixels at few angles.
+
+    Without it being said which see two, a curve is all there is: it tells what lies at edges better than none.
+    """
+    found, table = scene(view), view.columns
+    if found is None or not view.varies("azimuth_deg") or "pixel_u" not in table.numbers:
+        return False
+    if "mixed" not in table.categories:
+        return False
+    return gap_of(found.line, found.bearing) > _SPARSE * float(np.median(pixel_width(view)))
 
 
 def places_and_rays(view: View, rays: FloatArray, far: FloatArray) -> tuple[IntArray, IntArray]:

@@ -30,7 +30,7 @@ from arl_fixtures.reconcile.effects_pointing import (
     ways_of_looking,
 )
 from arl_fixtures.reconcile.effects_rays import Pose
-from arl_fixtures.reconcile.effects_room import room_of
+from arl_fixtures.reconcile.effects_room import on_planes, room_of
 from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
@@ -77,8 +77,16 @@ class Eccentricity(Effect):
         forward, right = (float(values[name]) for name in _AXES)
         if take_pose(view, state, _pose(variant, view, forward, right), whole=by_whole_pixels(variant)):
             return
-        if look_from(view, state, *_in_the_room(variant, view, forward, right)):
-            return
+        planes = dict(state)
+        known = look_from(view, planes, *_in_the_room(variant, view, forward, right))
+        told = on_planes(view) if known else np.zeros(view.n, dtype=bool)
+        if not told.all():
+            self._by_curves(variant, view, state, forward, right)
+        if known:
+            state.update({name: np.where(told, planes[name], state[name]) for name in scanned_channels(view)})
+
+    def _by_curves(self, variant: Variant, view: View, state: State, forward: float, right: float) -> None:
+        """The same without planes: nearer by its part along the ray, which turns by the part across it."""
         cosine, sine = per_view(view, ("direction", variant.options["frame"]), lambda: _direction(view, variant))
         name = distances(view)[0]
         level = per_view(view, "level", lambda: np.cos(np.radians(elevation(view))))
