@@ -88,7 +88,7 @@ def _field(view: View) -> dict[str, FloatArray]:
     products of single coordinates. In degrees and square degrees about the optical axis; where rays are not given in
     pixels and square pixels about the middle of the image. A scanner that looks all around has no field.
     """
-    for names, widest in ((("azimuth_deg", "elevation_deg"), HALF_TURN_DEG), (("pixel_u", "pixel_v"), np.inf)):
+    for names, widest in ((_RAYS, HALF_TURN_DEG), (("pixel_u", "pixel_v"), np.inf)):
         if not all(view.varies(name) for name in names):
             continue
         low, high = np.array([view.span(name) for name in names]).T
@@ -101,6 +101,14 @@ def _field(view: View) -> dict[str, FloatArray]:
         )
         return dict(zip(FIELD_COLUMNS, (np.hypot(across, along), across * along), strict=True))
     return {}
+
+
+def in_degrees(view: View) -> bool:
+    """Whether the field's coordinates are angles."""
+    return all(view.varies(name) for name in _RAYS)
+
+
+_RAYS = ("azimuth_deg", "elevation_deg")
 
 
 def _within_step(view: View) -> FloatArray | None:

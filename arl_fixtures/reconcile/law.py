@@ -41,9 +41,9 @@ class Axis:
         kind: `linear`, `ratio` (to the middle: nil at nil), `square`, `size` (without its sign), `above`, `below`
             (hinges), `step`, `band` (1 between two edges, else 0), `exp`, `inverse`, `log`, `sin`, `cos`, `parity`,
             `is` (a category), `bit` (whether a code has it set), `table` (one value per bin), `curve` (straight lines
-            between knots), `one`.
+            between knots), `rings` (sine) and `ring_cos` of an angle (see `ring_of`), `one`.
         middle, width: the ratio is (x − middle) / width.
-        at: knot or period in the column's unit, weight of a bit, or number of a category.
+        at: knot or period in the column's unit, angle at which a ring ends, weight of a bit, or number of a category.
         label: category label of `is`; `OF_LABELS` of a table over a category, each of whose labels has a bin between
             two of labels that were not seen.
         edges, values: bins of `table`, or knots of `curve`, and their coefficients; without values the axis is open:
@@ -94,6 +94,7 @@ class Axis:
             "size": f"|{c}|/{w}",
             "above": f"max({c} - {a}, 0)/{w}", "below": f"max({a} - {c}, 0)/{w}", "step": f"[{c} > {a}]",
             "exp": f"exp(3*({c} - {m})/{w})", "inverse": f"{m}/{c}", "log": f"ln({c}/{m})",
+            "rings": f"sin(2*pi*sin({c})^2/sin({a})^2)", "ring_cos": f"cos(2*pi*sin({c})^2/sin({a})^2)",
             "sin": f"sin(2*pi*{c}/{a})", "cos": f"cos(2*pi*{c}/{a})", "parity": f"(-1)^{c}",
             "band": "[" + f" < {c} < ".join(f"{x:.5g}" for x in self.edges) + "]",
             "is": f"[{c} = {self.label}]", "curve": f"curve({c})",
@@ -204,6 +205,10 @@ def _function(kind: str, x: FloatArray, axis: Axis) -> FloatArray:
             return np.asarray(np.sin(2.0 * np.pi * x / axis.at))
         case "cos":
             return np.asarray(np.cos(2.0 * np.pi * x / axis.at))
+        case "rings":
+            return np.asarray(np.sin(2.0 * np.pi * ring_of(x) / ring_of(axis.at)))
+        case "ring_cos":
+            return np.asarray(np.cos(2.0 * np.pi * ring_of(x) / ring_of(axis.at)))
         case "table":
             return np.asarray(np.asarray(axis.values)[axis.bin_of(x)])
         case "curve":
@@ -214,6 +219,11 @@ def _function(kind: str, x: FloatArray, axis: Axis) -> FloatArray:
             return np.where(np.mod(x, 2.0) < 0.5, 1.0, -1.0)
         case _:
             return np.equal(x, axis.at).astype(np.float64)
+
+
+def ring_of(angle_deg: FloatArray | float) -> FloatArray:
+    """Square of an angle's sine: the phase between a plate's two faces falls by it (Born & Wolf, sec. 7.6), (n,)."""
+    return np.asarray(np.sin(np.radians(angle_deg)) ** 2)
 
 
 def thresholds(values: FloatArray, shares: Sequence[float]) -> list[float]:

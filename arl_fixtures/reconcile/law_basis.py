@@ -254,6 +254,12 @@ def waves_of(first: str, turns: float, second: str = "", more: float = 0.0) -> t
     )
 
 
+def rings_of(name: str, turns: float) -> tuple[tuple[Axis, ...], ...]:
+    """Sine and cosine of 2π·turns·sin²(column), over a column in degrees."""
+    end = float(np.degrees(np.arcsin(min(turns**-0.5, 1.0))))
+    return tuple((Axis(column=name, kind=kind, at=end),) for kind in ("rings", "ring_cos"))
+
+
 def is_proxy(column: str) -> bool:
     """Whether a column goes along with what drives an effect rather than drives it: an order, or the simulation."""
     derived = column.startswith(("~", "sim_")) and column not in BEARING_SIGNS and not played(column)

@@ -10,6 +10,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.converter_bits import weights_of
+from arl_fixtures.reconcile.features import in_degrees
 from arl_fixtures.reconcile.law import Axis, axes_of
 from arl_fixtures.reconcile.law_bands import bands_of
 from arl_fixtures.reconcile.law_basis import (
@@ -28,6 +29,7 @@ from arl_fixtures.reconcile.law_basis import (
     map_of,
     moves_waves,
     price_of,
+    rings_of,
     smooth_prior,
     tables_of,
     waves_of,
@@ -35,10 +37,10 @@ from arl_fixtures.reconcile.law_basis import (
 from arl_fixtures.reconcile.law_candidates import Candidates
 from arl_fixtures.reconcile.law_crossed import crossed_of
 from arl_fixtures.reconcile.law_pixels import drifts_of
-from arl_fixtures.reconcile.law_waves import best_pair_wave, best_wave
+from arl_fixtures.reconcile.law_waves import best_pair_wave, best_rings, best_wave
 from arl_fixtures.reconcile.law_work import Candidate, Work
 from arl_fixtures.reconcile.pilot import Looker
-from arl_fixtures.reconcile.roles import PIXEL, Role
+from arl_fixtures.reconcile.roles import FIELD_COLUMNS, PIXEL, Role
 
 MOST_LEADING = 7
 SHARED_PRICE, PRICE_PAIR_WAVE = 3.0, 7.0
@@ -92,6 +94,9 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
                     column=name, kind="table", at=1.0 / wave.turns, edges=tuple(np.arange(1, 8) / 8.0 / wave.turns)
                 )
                 bases.append(Basis(axes=(phase,), prior=np.eye(8), price=PRICE_TWO + 2.0 + extra + wave.price))
+            rings = best_rings(work, name) if name == FIELD_COLUMNS[0] and in_degrees(view) else None
+            if rings:
+                bases.append(Basis(waves=rings_of(name, rings.turns), price=PRICE_TWO + extra + rings.price))
         ratios = [b for b in bases if _is_ratio(b)]  # alone it is a line
         made = pool.add(b for b in bases if not _is_ratio(b))
         ranked[name] = max((item.gain for item in made), default=0.0)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.law import ring_of
 from arl_fixtures.reconcile.law_work import Work
 
 FAR_APART, FAR_BESIDE = 0.9, 0.25
@@ -38,14 +39,23 @@ class Wave(NamedTuple):
     price: float
 
 
-def best_wave(work: Work, name: str, factor: FloatArray | None = None) -> Wave | None:
+def best_rings(work: Work, name: str) -> Wave | None:
+    """The rings over an angle at which the residual swings most, in turns per square of its sine; at least one."""
+    wave = best_wave(work, name, values=ring_of(work.features[name]))
+    return wave if wave and wave.turns > 1.0 else None
+
+
+def best_wave(
+    work: Work, name: str, factor: FloatArray | None = None, values: FloatArray | None = None
+) -> Wave | None:  # fmt: skip
     """The wave over a column at which the residual swings most, None for columns with few values.
 
     Args:
         work: the rows; name: of the column.
         factor: what the wave comes with, by row; nothing else by default.
+        values: of another function of the column than itself.
     """
-    x = work.features[name]
+    x = work.features[name] if values is None else values
     good = np.isfinite(x)
     levels, code = np.unique(x[good], return_inverse=True)
     if len(levels) < 8 or not good.any():

@@ -8,6 +8,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.law_search import search_law
 from arl_fixtures.reconcile.locate import locate
 from arl_fixtures.reconcile.misfit import MISFIT_SHARE
@@ -24,6 +25,8 @@ the log-likelihood of a law of the names' own columns. A law pays for having bee
 benchmarks/concealed the likeliest law was less likely than these, but where they gained some thousands."""
 BEATEN_PATTERN = 12.0
 """By how much a law must do better than a free pattern of pixels."""
+OF_FIELD = 0.7
+"""Share of what a pixel's rows have in common that rings leave at most, for them to stand in a pattern's place."""
 ELSEWHERE = 1.0
 """Log-likelihood by which another place must be likelier: bins of a radius that hold a pixel each say the same."""
 BEATEN_PLAIN = 0.03
@@ -226,7 +229,17 @@ def is_outdone(
         if pattern.term.effect.sparse:  # found by its answers, it darkens the light as well
             darker = forward([*terms, pattern.term], problem.view)
             gain = max(gain, d.fit_scatter(d.residual(darker))[0] - d.fit_scatter(d.residual(state))[0])
+        if has_rings(law) and chosen.plain > BEATEN_PATTERN:
+            left = d.measured - d.expect * (state[name] + law.correction(looker.features, state[name]))[d.use]
+            shared = [d.fit_scatter(rest)[1].get("pixel", 0.0) for rest in (d.residual(state), left)]
+            if shared[1] < OF_FIELD * shared[0]:
+                return True
         least = gain + max(BEATEN_PATTERN, BEATEN_SHARE * gain)
         if chosen.z > LEAST_Z and chosen.plain > least and not set(law.drivers) <= PIXEL_COLUMNS:
             return True
     return False
+
+
+def has_rings(law: Law) -> bool:
+    """Whether a law says by rings over the field how pixels differ: two numbers, not one per pixel."""
+    return any(axis.kind == "rings" for term in law.terms for axis in term.axes)

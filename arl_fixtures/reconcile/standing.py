@@ -12,11 +12,13 @@ import numpy as np
 
 from arl_fixtures.reconcile.acceptance import PRICE
 from arl_fixtures.reconcile.channel_data import ChannelData
+from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.law_search import search_law
 from arl_fixtures.reconcile.locate import locate
 from arl_fixtures.reconcile.other_cause import OtherCauses
 from arl_fixtures.reconcile.rivals import (
     LEAST_Z,
+    has_rings,
     is_structure,
     lies_where_names_act,
     mends_the_same,
@@ -94,11 +96,13 @@ class Standing:
         if not acting or self._leaves_others(d, acting):
             return False
         # without the patterns: their pixels' values are read off the residual, where a law leaves them to chance
-        if not self._outdone_by_law(d, acting, self.decision.best.terms):
+        law = self._law_beyond(d, acting, self.decision.best.terms)
+        if law is None:
             return False
         beside = [p.term for p in self.decision.patterns if d.channel.name in p.term.variant.channels]
         # but a law that says of pixels what a pattern says better is no rival of what acts beside it
-        outdone = not beside or self._outdone_by_law(d, acting, [*self.decision.best.terms, *beside])
+        outdone = not beside or has_rings(law)
+        outdone = outdone or self._law_beyond(d, acting, [*self.decision.best.terms, *beside]) is not None
         return outdone and not self.causes.of(d, self.decision.after[d.channel.name], self.decision.terms, acting)
 
     def undone(self, d: ChannelData) -> list[Term]:
@@ -114,8 +118,8 @@ class Standing:
         cost = d.fit_scatter(d.residual(bare))[0] - d.fit_scatter(d.residual(own))[0]
         return acting if cost > UNDONE else []
 
-    def _outdone_by_law(self, d: ChannelData, acting: Sequence[Term], terms: Sequence[Term]) -> bool:
-        """Whether a law in the place of the acting names, beside the other terms, does clearly better than they."""
+    def _law_beyond(self, d: ChannelData, acting: Sequence[Term], terms: Sequence[Term]) -> Law | None:
+        """A law in the place of the acting names, beside the other terms, that does clearly better than they."""
         own = forward(terms, self.problem.view)
         bare = forward([t for t in terms if t not in acting], self.problem.view)
         place = locate(self.looker, d, bare)
@@ -134,4 +138,4 @@ class Standing:
             plain = 0.0
         edges = lies_where_names_act(self.problem, d, acting, self.decision.terms)
         needed = needed_by_law(named, plain, acting, law.drivers, at_edges=edges)
-        return chosen.z > LEAST_Z and chosen.plain > needed
+        return law if chosen.z > LEAST_Z and chosen.plain > needed else None
