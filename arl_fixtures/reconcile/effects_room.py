@@ -42,6 +42,8 @@ _MOVED_BETWEEN: tuple[tuple[str, ...], ...] = (("step",), ("cycle", "step"))
 """Columns between whose values a scanner may have been moved, those tried first that part a table least."""
 _LEVEL = 5e-3
 """Difference of cos(incidence) and sin(elevation) up to which a ray meets a floor or a ceiling."""
+_UPRIGHT_DEG = 0.05
+"""Difference of incidence and elevation up to which a surface faces a ray."""
 _UNIT, _AS_MET = 0.02, 0.02
 """Error of a unit normal's length up to which neighbours tell it, and by how much, against 1/range, a plane may lean
 otherwise than it is met."""
@@ -150,6 +152,7 @@ def _make(view: View, sign: float) -> Room | None:
         target = np.where(np.isfinite(target) & whole[first], target, np.nan)
         slope = _as_met(view, first, direction, near, target, _slopes(direction, near, target))
         slope = _level(view, first, direction, target, slope)
+        slope = _upright(view, first, direction, target, slope)
         slope = _of_surfaces(view, first, direction, target, place[first], slope)
         if not slopes:
             rival, fold = _edges(slope, direction, near)
@@ -311,6 +314,21 @@ def _level(view: View, rows: IntArray, direction: FloatArray, target: FloatArray
     found = slope.copy()
     found[level] = 0.0
     found[level, 2] = target[level] / up[level]
+    return found
+
+
+def _upright(view: View, rows: IntArray, direction: FloatArray, target: FloatArray, slope: FloatArray) -> FloatArray:
+    """Planes of rays that meet their surface at their own elevation: it stands upright and faces them."""
+    facing = view.columns.numbers.get("incidence_deg")
+    if facing is None:
+        return slope
+    level = np.hypot(direction[:, 0], direction[:, 1])
+    with np.errstate(invalid="ignore"):
+        upright = np.abs(facing[rows] - np.degrees(np.arccos(np.minimum(level, 1.0)))) < _UPRIGHT_DEG
+    upright &= np.isfinite(target)
+    found = slope.copy()
+    found[upright] = 0.0
+    found[upright, :2] = direction[upright, :2] * (target / level**2)[upright, None]
     return found
 
 
