@@ -12,7 +12,7 @@ from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.law import Features
 from arl_fixtures.reconcile.law_basis import Basis, Known
-from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.roles import PIXEL, Role
 from arl_fixtures.reconcile.whitener import Shared, Whitener
 
 MOST_ROWS, ALL_ROWS = 6_000, 20_000
@@ -92,6 +92,8 @@ class Work:
     def is_shared(self, columns: Sequence[str]) -> bool:
         """Whether all columns are constant within steps: steps then are the only witnesses, and they share errors."""
         count = np.maximum(np.bincount(self.step), 1)
+        if PIXEL in columns:  # a number whose devices lie further apart than their pixels
+            return False
         for name in columns:
             x = np.nan_to_num(self.features[name])
             mean = np.bincount(self.step, x) / count
