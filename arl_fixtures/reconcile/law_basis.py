@@ -32,6 +32,8 @@ PERIODS = (2, 3, 4, 6, 8, 16)
 MOST_LEVELS = 40
 PRICE_ONE, PRICE_TWO, PRICE_CURVE, PRICE_PRODUCT = 6.0, 9.0, 7.0, 3.0
 """Log-likelihood that a term must earn for having been chosen: one function, a wave, a curve, each factor more."""
+PRICE_MARK, PRICE_ZERO = 2.0, 2.0
+"""Further price of a term that holds in one category only, and of saying where one of its factors is zero."""
 UNLIKELY = {"time_s": 4.0, "step": 4.0, "set_temperature_c": 1.0, "~within(time_s)": 1.5}
 WAVING = frozenset({
     "m", "mm", "cm", "km", "um", "nm", "deg", "rad", "s", "ms", "us", "ns", "ps", "min", "h", "°C", "K", "A", "mA",

@@ -12,6 +12,8 @@ from arl_fixtures.reconcile.law_basis import Basis
 from arl_fixtures.reconcile.law_evidence import Evidence
 from arl_fixtures.reconcile.law_work import Candidate, Work
 
+SHARED_PRICE = 3.0
+"""Further price of what varies only from step to step."""
 MOST_NUMBERS = 2_000_000
 """Numbers in the vectors of a block: all of them stay as long as a law has one of its candidates."""
 
@@ -89,3 +91,20 @@ class Candidates:
 def _priors(bases: Sequence[Basis]) -> FloatArray | None:
     priors = [basis.prior for basis in bases if basis.prior is not None]
     return np.stack(priors) if priors else None
+
+
+def shared_price(work: Work, columns: tuple[str, ...]) -> float:
+    """Further price of what varies only from step to step: few witnesses, and many columns that follow them."""
+    return SHARED_PRICE if work.is_shared(columns) else 0.0
+
+
+def varied(ranked: Sequence[Candidate], most: int = 4) -> list[Candidate]:
+    """Strongest functions of a column, one of a kind, the line always among them."""
+    kinds: set[str] = set()
+    kept: list[Candidate] = []
+    for item in ranked:
+        kind = item.basis.axes[0].kind
+        if (kind not in kinds or kind == "is") and (len(kept) < most or kind in {"linear", "ratio", "parity"}):
+            kinds.add(kind)
+            kept.append(item)
+    return kept

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
-from arl_fixtures.reconcile.converter_bits import weights_of
 from arl_fixtures.reconcile.features import in_degrees
 from arl_fixtures.reconcile.law import Axis, axes_of
 from arl_fixtures.reconcile.law_bands import bands_of
@@ -19,9 +17,11 @@ from arl_fixtures.reconcile.law_basis import (
     KNOTS,
     MAP_KNOTS,
     PRICE_CURVE,
+    PRICE_MARK,
     PRICE_ONE,
     PRICE_PRODUCT,
     PRICE_TWO,
+    PRICE_ZERO,
     Basis,
     curve_axis,
     curves_of,
@@ -34,7 +34,8 @@ from arl_fixtures.reconcile.law_basis import (
     tables_of,
     waves_of,
 )
-from arl_fixtures.reconcile.law_candidates import Candidates
+from arl_fixtures.reconcile.law_bits import MOST_BITS, of_bits, where_bits
+from arl_fixtures.reconcile.law_candidates import Candidates, shared_price, varied
 from arl_fixtures.reconcile.law_crossed import crossed_of
 from arl_fixtures.reconcile.law_pixels import drifts_of
 from arl_fixtures.reconcile.law_waves import best_pair_wave, best_rings, best_wave
@@ -43,14 +44,10 @@ from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.roles import FIELD_COLUMNS, PIXEL, Role
 
 MOST_LEADING = 7
-SHARED_PRICE, PRICE_PAIR_WAVE = 3.0, 7.0
+PRICE_PAIR_WAVE = 7.0
 IMAGE, ORDERS = ("pixel_u", "pixel_v"), ("step", "time_s", "cycle", "stage_angle_deg")
 """Columns over which a pattern stands in the image, and over which it may move."""
 MOST_MARKS, MOST_REFINED, FEW_SETTINGS = 20, 10, 4
-PRICE_MARK, PRICE_ZERO = 2.0, 2.0
-"""Further price of a term that holds in one category only, and of saying where one of its factors is zero."""
-MOST_BITS = 3
-"""Bits of a converter, or two of them together, that may be off under a condition."""
 UNSHIFTED = frozenset({"is", "ratio", "step", "band", "above", "below", "parity", "one"})
 """Functions whose zero means something."""
 ALIKE = 0.98
@@ -69,7 +66,7 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
             continue
         category = not name.startswith(("~", "sim_")) and view.is_category(name)
         labels = view.labels(name) if category else ()
-        extra = price_of((name,)) + _shared_price(work, (name,))
+        extra = price_of((name,)) + shared_price(work, (name,))
         numbered = name in looker.problem.groups.unit_columns  # a number of a zone is a name, not a size
         bases = [
             Basis(axes=(axis,), price=PRICE_ONE + extra)
@@ -112,8 +109,8 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
         alone = [m.basis for n in names for m in pool.items if m.basis.columns == (n,) and not m.basis.waves][:80]
         pool.add(Basis(axes=(*b.axes, signal), prior=b.prior, price=b.price + 1.0) for b in alone)
         pool.add(_beating(work, signal))
-    bits = pool.add(_of_bits(work, looker, signal))
-    pool.add(_where_bits(work, sorted(bits, key=lambda m: -m.gain)[:MOST_BITS], names, simple))
+    bits = pool.add(of_bits(work, looker, signal))
+    pool.add(where_bits(work, sorted(bits, key=lambda m: -m.gain)[:MOST_BITS], names, simple))
     pool.add(_pairs(work, looker, names, simple))
     pool.add(_moving(work, names, (*ORDERS, *view.temperatures()[:2])))
     lines = [m.basis.axes[0] for n in names for m in simple.get(n, []) if m.basis.axes[0].kind == "linear"]
@@ -154,11 +151,6 @@ def distinct(work: Work, names: Sequence[str]) -> list[str]:
     return list(kept)
 
 
-def _shared_price(work: Work, columns: tuple[str, ...]) -> float:
-    """Further price of what varies only from step to step: few witnesses, and many columns that follow them."""
-    return SHARED_PRICE if work.is_shared(columns) else 0.0
-
-
 def _signal(work: Work) -> Axis | None:
     """One over the simulated signal: turns a share of it into an amount."""
     name = f"sim_{work.data.channel.name}"
@@ -176,41 +168,8 @@ def _beating(work: Work, signal: Axis) -> Iterator[Basis]:
     """Light that comes and goes with the time, the same to bright and dark: a lamp that beats with the frames."""
     wave = best_wave(work, "time_s", signal(work.features)) if "time_s" in work.features else None
     if wave:
-        price = PRICE_TWO + price_of(("time_s",)) + _shared_price(work, ("time_s",)) + wave.price + 1.0
+        price = PRICE_TWO + price_of(("time_s",)) + shared_price(work, ("time_s",)) + wave.price + 1.0
         yield Basis(waves=tuple((*product, signal) for product in waves_of("time_s", wave.turns)), price=price)
-
-
-def _of_bits(work: Work, looker: Looker, signal: Axis | None) -> Iterator[Basis]:
-    """Errors of a converter's bits, of one and of two, as many codes to bright and dark."""
-    channel = work.data.channel.name
-    if f"sim_{channel}" not in work.features:
-        return
-    weights, scatter = weights_of(looker.problem.view, channel)
-    amount = (signal,) if signal else ()
-    bits = [
-        (Axis(column=f"sim_{channel}", kind="bit", at=float(weight), width=scatter), *amount) for weight in weights
-    ]
-    yield from (Basis(axes=axes, price=PRICE_ONE + 1.0) for axes in bits)
-    yield from (Basis(waves=two, price=PRICE_TWO + 2.0) for two in itertools.combinations(bits, 2))
-
-
-def _where_bits(
-    work: Work, bits: Sequence[Candidate], names: Sequence[str], simple: dict[str, list[Candidate]]
-) -> Iterator[Basis]:
-    """Errors of bits that come with a temperature or a supply, or in a part of the image: one of many converters."""
-    for basis in (item.basis for item in bits):
-        for name in (n for n in names if n not in basis.columns):
-            price = basis.price + price_of((name,)) + PRICE_PRODUCT + _shared_price(work, (name,))
-            for where in (item.basis.axes[0] for item in _varied(simple.get(name, []))):
-                waves = tuple((*product, where) for product in basis.waves)
-                axes = basis.axes if waves else (*basis.axes, where)
-                yield replace(basis, axes=axes, waves=waves, price=price)
-                if not waves and basis.axes[1:]:  # a bad contact reads high or low, whatever the code has there
-                    yield replace(basis, axes=(), waves=(axes, axes[1:]), price=price + PRICE_ZERO)
-            curve = curve_axis(name, work.features[name], KNOTS)
-            if curve and not basis.waves:
-                for of_curve in curves_of(curve, price + 1.0):
-                    yield replace(of_curve, axes=(*of_curve.axes, *basis.axes))
 
 
 def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, list[Candidate]]) -> Iterator[Basis]:
@@ -219,10 +178,10 @@ def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, l
     maps = {name: curve_axis(name, work.features[name], MAP_KNOTS) for name in names}
     for i, first in enumerate(names):
         for second in names[i + 1 :]:
-            apart = {name: _shared_price(work, (name,)) for name in (first, second)}
-            price = price_of((first, second)) + PRICE_ONE + PRICE_PRODUCT + _shared_price(work, (first, second))
-            for a in _varied(simple.get(first, [])):
-                for b in _varied(simple.get(second, [])):
+            apart = {name: shared_price(work, (name,)) for name in (first, second)}
+            price = price_of((first, second)) + PRICE_ONE + PRICE_PRODUCT + shared_price(work, (first, second))
+            for a in varied(simple.get(first, [])):
+                for b in varied(simple.get(second, [])):
                     extra = _nearly_one(a.basis.axes[0], apart[second]) + _nearly_one(b.basis.axes[0], apart[first])
                     yield Basis(axes=(*a.basis.axes, *b.basis.axes), price=price + extra)
             for one, other in ((first, second), (second, first)):
@@ -328,15 +287,3 @@ def _zeroed(basis: Basis) -> Iterator[Basis]:
     for one, other in (basis.axes, basis.axes[::-1]):
         if one.kind == "linear":
             yield Basis(waves=((other, one), (other,)), price=basis.price + PRICE_ZERO)
-
-
-def _varied(ranked: Sequence[Candidate], most: int = 4) -> list[Candidate]:
-    """Strongest functions of a column, one of a kind, the line always among them."""
-    kinds: set[str] = set()
-    kept: list[Candidate] = []
-    for item in ranked:
-        kind = item.basis.axes[0].kind
-        if (kind not in kinds or kind == "is") and (len(kept) < most or kind in {"linear", "ratio", "parity"}):
-            kinds.add(kind)
-            kept.append(item)
-    return kept

@@ -16,14 +16,12 @@ from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.grouping import WITHIN_IMAGES
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm, axes_of
-from arl_fixtures.reconcile.law_basis import Basis
+from arl_fixtures.reconcile.law_basis import PRICE_MARK, PRICE_ZERO, Basis
 from arl_fixtures.reconcile.law_candidates import Candidates
 from arl_fixtures.reconcile.law_choice import FURTHER_GAIN, LEAST_GAIN, find_terms
 from arl_fixtures.reconcile.law_fit import Chosen, confirm, joint, weighed
 from arl_fixtures.reconcile.law_harm import harmless
 from arl_fixtures.reconcile.law_pool import (
-    PRICE_MARK,
-    PRICE_ZERO,
     UNSHIFTED,
     distinct,
     is_mark,

@@ -1,0 +1,182 @@
+"""How the surfaces about a sensor lie: a plane about every ray, from its neighbours, its incidence, its surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arl_fixtures.reconcile.effects_still import both
+from arl_fixtures.reconcile.view import View
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_ROUNDS = 5
+FLAT = 1e-3
+"""Relative error of 1/range within which rays lie on one plane."""
+_FEWEST_ON_SURFACE, _SPREAD, _ONE_PLANE = 6, 0.03, 0.7
+"""Rays that a named surface must have, the extent of their directions that tells how it lies if they are as good as
+`FLAT`, and the share of them that must lie on one plane."""
+_LEAST_SPREAD = 1e-3
+"""Extent of directions below which even exact ranges tell nothing."""
+_LEVEL = 5e-3
+"""Difference of cos(incidence) and sin(elevation) up to which a ray meets a floor or a ceiling."""
+_UPRIGHT_DEG = 0.05
+"""Difference of incidence and elevation up to which a surface faces a ray."""
+_UNIT, _AS_MET = 0.02, 0.02
+"""Error of a unit normal's length up to which neighbours tell it, and by how much, against 1/range, a plane may lean
+otherwise than it is met."""
+_RIDGE = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Rays:
+    """Rays of a table, each once.
+
+    Attributes:
+        rows: of the whole table, (n,); direction: in the room, unit vectors, (n, 3).
+        near: rays next to each, itself first, (n, k); place: where the sensor stands, (n,).
+    """
+
+    rows: IntArray
+    direction: FloatArray
+    near: IntArray
+    place: IntArray
+
+
+def planes_about(view: View, rays: Rays, target: FloatArray) -> FloatArray:
+    """The vector m of 1/range = m·direction about every ray, (n, 3).
+
+    Args:
+        view: of a table; rays: of it; target: 1/range, NaN where not known or of more than one surface.
+    """
+    rows, direction = rays.rows, rays.direction
+    slope = _as_met(view, rows, direction, rays.near, target, _slopes(direction, rays.near, target))
+    slope = _level(view, rows, direction, target, slope)
+    slope = _upright(view, rows, direction, target, slope)
+    return _of_surfaces(view, rows, direction, target, rays.place, slope)
+
+
+def _slopes(direction: FloatArray, near: IntArray, target: FloatArray) -> FloatArray:
+    """The vector m of 1/range = m·direction about every ray, from the neighbours that lie on the same surface."""
+    rays, values = direction[near], target[near]
+    own = np.where(np.isfinite(target), target, 0.0)
+    size = np.maximum(np.abs(own), 1e-12)
+    good = np.isfinite(values)
+    off = np.where(good, values, own[:, None]) - own[:, None]
+    lean = rays - direction[:, None, :]
+    weight = good.astype(np.float64)
+    slope, rest = np.zeros(direction.shape), np.zeros(own.size)
+    for _ in range(_ROUNDS):
+        gram = np.einsum("nk,nki,nkj->nij", weight, lean, lean)
+        scale = np.einsum("nii->n", gram) + 1e-30
+        gram = gram + (_RIDGE * scale)[:, None, None] * np.eye(3)
+        slope = np.linalg.solve(gram, np.einsum("nk,nki,nk->ni", weight, lean, off)[..., None])[..., 0]
+        left = np.abs(off - np.einsum("nki,ni->nk", lean, slope)) / size[:, None]
+        rest = np.median(np.where(good, left, 0.0), axis=1)
+        weight = good / (1.0 + (left / np.maximum(2.0 * rest, FLAT)[:, None]) ** 2) ** 2
+    across = np.sum(slope * direction, axis=1)
+    whole = slope + (own - across)[:, None] * direction  # m·d is the own value, the rest of m the slope across
+    flattest = _flattest(whole, rays, rest, own, size, near)
+    return np.asarray(whole[flattest])
+
+
+def _as_met(
+    view: View, rows: IntArray, direction: FloatArray, near: IntArray, target: FloatArray, slope: FloatArray
+) -> FloatArray:
+    """Planes of rays, no steeper than these meet their surfaces: on rough ones neighbours lean by their bumps.
+
+    cos(incidence) = n·d is linear in the ray's direction wherever the unit normal n is the same, however far shelves
+    and bumps stand back: where neighbours tell such a normal, m = n / (R cos(incidence)). Else the part of m across a
+    ray is at most tan(incidence) times that along it.
+    """
+    facing = view.columns.numbers.get("incidence_deg")
+    if facing is None:
+        return slope
+    cosine = np.cos(np.radians(facing[rows]))
+    along = np.where(np.isfinite(target), target, 0.0)[:, None] * direction
+    across = slope - along
+    normal = _slopes(direction, near, cosine)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        lean, most = np.linalg.norm(across, axis=1), np.abs(target * np.tan(np.radians(facing[rows])))
+        by_normal = normal * (target / cosine)[:, None]
+        sure = np.abs(np.linalg.norm(normal, axis=1) - 1.0) < _UNIT
+        share = np.minimum(most / lean, 1.0)
+        wrong = np.abs(lean - most) > _AS_MET * np.hypot(most, target)
+    capped = along + np.where(np.isfinite(share), share, 1.0)[:, None] * across
+    told = (sure & wrong & np.isfinite(by_normal).all(axis=1))[:, None]
+    return np.asarray(np.where(told, by_normal, capped))
+
+
+def _level(view: View, rows: IntArray, direction: FloatArray, target: FloatArray, slope: FloatArray) -> FloatArray:
+    """Planes of rays, level where a ray is told to meet its surface as it would a floor: one ray alone tells that."""
+    facing = view.columns.numbers.get("incidence_deg")
+    up = direction[:, 2]
+    if facing is None:
+        return slope
+    with np.errstate(invalid="ignore"):
+        level = np.abs(np.cos(np.radians(facing[rows])) - np.abs(up)) < np.minimum(_LEVEL, 0.1 * np.abs(up))
+    level &= np.isfinite(target)
+    found = slope.copy()
+    found[level] = 0.0
+    found[level, 2] = target[level] / up[level]
+    return found
+
+
+def _upright(view: View, rows: IntArray, direction: FloatArray, target: FloatArray, slope: FloatArray) -> FloatArray:
+    """Planes of rays that meet their surface at their own elevation: it stands upright and faces them."""
+    facing = view.columns.numbers.get("incidence_deg")
+    if facing is None:
+        return slope
+    level = np.hypot(direction[:, 0], direction[:, 1])
+    with np.errstate(invalid="ignore"):
+        upright = np.abs(facing[rows] - np.degrees(np.arccos(np.minimum(level, 1.0)))) < _UPRIGHT_DEG
+    upright &= np.isfinite(target)
+    found = slope.copy()
+    found[upright] = 0.0
+    found[upright, :2] = direction[upright, :2] * (target / level**2)[upright, None]
+    return found
+
+
+def _of_surfaces(
+    view: View, rows: IntArray, direction: FloatArray, target: FloatArray, place: IntArray, slope: FloatArray
+) -> FloatArray:
+    """Planes of rays, those of one named surface on one plane where it is one.
+
+    Two rays in a corner of the floor tell nothing of how it lies; those in the other corners do.
+    """
+    table = view.columns
+    if "surface" not in table.categories:
+        return slope
+    code = both(place, table.group("surface")[rows])
+    found = slope.copy()
+    for surface in np.unique(code):
+        of_it = np.flatnonzero((code == surface) & np.isfinite(target))
+        rays, values = direction[of_it], target[of_it]
+        if of_it.size < _FEWEST_ON_SURFACE:
+            continue
+        spread = float(np.linalg.svd(rays, compute_uv=False)[-1])
+        weight = 1.0 / np.maximum(np.abs(values), 1e-12)
+        left = np.zeros(of_it.size)
+        for _ in range(_ROUNDS):
+            root = weight / (1.0 + (left / FLAT) ** 2)
+            plane = np.linalg.lstsq(rays * root[:, None], values * root, rcond=None)[0]
+            left = np.abs(rays @ plane - values) * weight
+        on_it = left < FLAT
+        if np.mean(on_it) <= _ONE_PLANE or spread < _LEAST_SPREAD:
+            continue
+        if spread > _SPREAD or float(np.sqrt(np.mean(left[on_it] ** 2))) < FLAT * spread / _SPREAD:
+            found[of_it[on_it]] = plane
+    return found
+
+
+def _flattest(
+    whole: FloatArray, rays: FloatArray, rest: FloatArray, own: FloatArray, size: FloatArray, near: IntArray
+) -> IntArray:
+    """Of each ray's neighbours the one whose plane is the flattest of those that hold for it, too: beside an edge."""
+    said = np.einsum("nki,ni->nk", whole[near], rays[:, 0])
+    wrong = np.abs(said - own[:, None]) / size[:, None] + rest[near]
+    best = np.argmin(wrong, axis=1)
+    return np.asarray(near[np.arange(own.size), best], dtype=np.int64)
