@@ -212,7 +212,8 @@ def _edges(slope: FloatArray, direction: FloatArray, near: IntArray) -> tuple[In
     mine = np.einsum("ni,nki->nk", slope, direction[near])  # the own plane where the neighbour's ray goes
     front = (there > mine * (1.0 + FLAT)) & (theirs < own * (1.0 - FLAT))
     behind = (there < mine * (1.0 - FLAT)) & (theirs > own * (1.0 + FLAT))
-    away = np.where(front | behind, np.abs(theirs / own - 1.0), np.inf)
+    meets = (front | behind) & (own > 0.0)  # what a ray of two surfaces sees lies on no plane
+    away = np.where(meets, np.abs(theirs / np.where(own > 0.0, own, 1.0) - 1.0), np.inf)
     place = np.argmin(away, axis=1)
     rows = np.arange(own.size)
     fold = np.where(np.isfinite(away[rows, place]), np.where(front[rows, place], 1.0, -1.0), 0.0)

@@ -19,8 +19,8 @@ KNOWN = [
 BENCH = {"arc_m": 1.2, "wall_m": 2.1, "paint": 0.1, "tall": 5.0}
 
 
-def sweep(seed, *, turn_deg=0.0, forward_m=0.0, noise=1.0):
-    """Stripes before a round wall at five stage angles, twelve times; rows at edges are left out."""
+def sweep(seed, *, turn_deg=0.0, forward_m=0.0, noise=1.0, edges=False):
+    """Stripes before a round wall at five stage angles, twelve times; rows at edges are left out unless wanted."""
     rng = np.random.default_rng(seed)
     columns = np.array([4, 28, 44, 48, 51, 55, 61, 65, 72, 75, 84, 98, 122])
     axes = np.meshgrid(np.arange(12), np.arange(-30.0, 31.0, 15.0) + 0.4, columns, (2, 16, 29), indexing="ij")
@@ -60,7 +60,7 @@ def sweep(seed, *, turn_deg=0.0, forward_m=0.0, noise=1.0):
         "distance_m": real_far + shared[1] + sigma_d * scatter[1],
     }  # fmt: skip
     dotted = (np.abs(np.abs(azimuth + angle) - 45.0) < 18.0) & (far < 1.8)  # boards that pixels do not resolve
-    kept = ~dotted & ~mixed
+    kept = ~dotted & (edges | ~mixed)
     return columns_of(pa.table({name: values[kept] for name, values in made.items()}))
 
 
@@ -82,3 +82,17 @@ def test_a_turned_stage_leaves_a_round_wall_where_it_was():
     left, before = (np.sqrt(np.mean((x - real)[on_stripe] ** 2)) for x in (state["distance_m"], simulated))
     assert left < 0.15 * before
     assert np.abs(state["distance_m"] - real)[~on_stripe].max() < 0.3 * before
+
+
+def test_rows_of_two_surfaces_lie_on_no_plane_and_trouble_none():
+    view = View(sweep(1, turn_deg=0.35, noise=0.0, edges=True))
+    mixed = view.selects("mixed", "true")
+    assert 0.05 < mixed.mean() < 0.5
+    effect, state = library()["stage.zero_offset"], view.fresh_state()
+    variant = next(v for v in effect.variants(view) if v.options["kind"] == "constant")
+    effect.apply(variant, {"zero": 0.35}, state, view)
+    real, simulated = view.number("distance_m"), view.sim["distance_m"]
+    on_stripe = (simulated < 1.8) & ~mixed
+    left, before = (np.sqrt(np.mean((x - real)[on_stripe] ** 2)) for x in (state["distance_m"], simulated))
+    assert left < 0.15 * before
+    assert np.any(state["distance_m"][mixed] != simulated[mixed])
