@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effects_camera import Camera
-from arl_fixtures.reconcile.effects_common import distances, signals
+from arl_fixtures.reconcile.effects_common import distances, pure_rows, signals
 from arl_fixtures.reconcile.effects_rays import Optics, Spots, look
 from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
@@ -83,9 +83,7 @@ def _seen(view: View, camera: Camera, first: IntArray, scene: SceneSettings) -> 
     azimuth = np.array([0.0, *(panel.azimuth_deg for panel in scene.panels)])
     aside = np.where(surface > 0, -right - stage - azimuth[surface], 0.0)
     longer = 1.0 / (np.cos(np.radians(up)) * np.cos(np.radians(aside)))
-    if view.is_category("mixed"):
-        mixed, told = table.categories["mixed"]
-        surface = np.where(np.array([*(label == "true" for label in told), False])[mixed[first]], -1, surface)
+    surface = np.where(pure_rows(view)[first], surface, -1)
     return _Seen(
         surface=surface, unit=table.group("dut")[first], longer=longer, beam=np.exp(camera.log_beam(u, v)),
         spots=Spots(u=u, v=v, stage_deg=stage, height_m=np.zeros(u.size)),

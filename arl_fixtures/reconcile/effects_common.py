@@ -59,6 +59,15 @@ def period_starts(shortest: float, longest: float, reach: float, *, most: int) -
     return tuple(float(period) for period in 1.0 / np.linspace(low, high, count))
 
 
+def pure_rows(view: View) -> NDArray[np.bool_]:
+    """Rows of the whole table that are not said to see more than one surface, shape (n,)."""
+    table = view.columns
+    if "mixed" not in table.categories:
+        return np.ones(table.n, dtype=bool)
+    mixed, labels = table.categories["mixed"]
+    return np.asarray(mixed != (labels.index("true") if "true" in labels else -2))
+
+
 def per_table(view: View, key: object, make: Callable[[], Cached]) -> Cached:
     """Result of `make`, computed once for a table; `key` must name everything that it depends on."""
     memo: dict[object, Any] = view.columns.memo

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effect import Option, Values
-from arl_fixtures.reconcile.effects_common import per_table, per_view, rounded, span
+from arl_fixtures.reconcile.effects_common import per_table, per_view, pure_rows, rounded, span
 from arl_fixtures.reconcile.roles import HALF_TURN_DEG
 from arl_fixtures.reconcile.view import View
 
@@ -119,14 +119,6 @@ def elevation(view: View) -> FloatArray:
     return per_view(view, "elevation", lambda: ray_column(view, "elevation_deg")[view.rows])
 
 
-def _pure(view: View) -> NDArray[np.bool_]:
-    table = view.columns
-    if "mixed" not in table.categories:
-        return np.ones(table.n, dtype=bool)
-    codes, labels = table.categories["mixed"]
-    return np.asarray(codes != (labels.index("true") if "true" in labels else -2))
-
-
 def _sceneries(view: View, rows: IntArray) -> list[tuple[FloatArray, list[FloatArray]]]:
     """Ways to account for the scene in ln(signal): what is known, and regressors with free coefficients."""
     table = view.columns
@@ -183,7 +175,7 @@ def _profile(view: View, channel: str, axes: tuple[Across, Across]) -> Illuminat
     def make() -> Illumination | None:
         table = view.columns
         signal = table.numbers[f"sim_{channel}"]
-        usable = np.isfinite(signal) & _pure(view)
+        usable = np.isfinite(signal) & pure_rows(view)
         if not usable.any():
             return None
         usable &= signal > 0.02 * np.quantile(signal[usable], 0.99)

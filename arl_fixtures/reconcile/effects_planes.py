@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from arl_fixtures.reconcile.effects_common import distances, per_table, per_view
+from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, pure_rows
 from arl_fixtures.reconcile.effects_illumination import ray_column
 from arl_fixtures.reconcile.effects_scene import pixel_width
 from arl_fixtures.reconcile.roles import per_metre, unit_of
@@ -82,15 +82,6 @@ def _inside(view: View) -> FloatArray:
     if pure.all() or "pixel_u" not in columns.numbers:
         return np.zeros(columns.n)
     return np.where(pure, _INSIDE * pixel_width(view), 0.0)
-
-
-def pure_rows(view: View) -> NDArray[np.bool_]:
-    """Rows of the whole table that are not said to see two surfaces."""
-    table = view.columns
-    if "mixed" not in table.categories:
-        return np.ones(table.n, dtype=bool)
-    mixed, labels = table.categories["mixed"]
-    return np.asarray(mixed != (labels.index("true") if "true" in labels else -2))
 
 
 def _make(view: View, sign: float) -> FloatArray:

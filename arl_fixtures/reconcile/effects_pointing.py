@@ -289,7 +289,7 @@ def changes_elsewhere(view: View, turn: FloatArray | float, lift: FloatArray | f
     room = room_of(view, found.sign)
     if room is None:
         return _along_curves(found, view, turn, lift)
-    told, planes = per_view(view, "on planes", lambda: on_planes(view)), changes_in_room(view, room, turn, lift)
+    told, planes = on_planes(view), changes_in_room(view, room, turn, lift)
     if told.all():
         return planes
     curves = _along_curves(found, view, turn, lift)

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, signals
+from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, pure_rows, signals
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column, turns_round
-from arl_fixtures.reconcile.effects_planes import directions, pure_rows
+from arl_fixtures.reconcile.effects_planes import directions
 from arl_fixtures.reconcile.effects_room_planes import FLAT, Rays, planes_about
 from arl_fixtures.reconcile.effects_scene import gap_of, pixel_width, scene
 from arl_fixtures.reconcile.effects_still import apart
@@ -130,7 +130,7 @@ def _make(view: View, sign: float) -> Room | None:
     beyond: dict[str, FloatArray] = {}
     sent: dict[str, FloatArray] = {}
     rival, fold = np.arange(first.size), np.zeros(first.size)
-    whole = pure_rows(view) if _has_grid(view) else np.ones(view.columns.n, dtype=bool)
+    whole = _of_one_surface(view)
     for name in distances(view):
         with np.errstate(invalid="ignore", divide="ignore"):
             target = 1.0 / table.numbers[f"sim_{name}"][first]
@@ -148,7 +148,11 @@ def _make(view: View, sign: float) -> Room | None:
 
 def on_planes(view: View) -> NDArray[np.bool_]:
     """Rows under work that planes tell all of: of a camera's pixels those that see one surface each."""
-    return pure_rows(view)[view.rows] if _has_grid(view) else np.ones(view.n, dtype=bool)
+    return per_view(view, "on planes", lambda: _of_one_surface(view)[view.rows])
+
+
+def _of_one_surface(view: View) -> NDArray[np.bool_]:
+    return pure_rows(view) if _has_grid(view) else np.ones(view.columns.n, dtype=bool)
 
 
 def _has_grid(view: View) -> bool:

@@ -52,11 +52,14 @@ def planes_about(view: View, rays: Rays, target: FloatArray) -> FloatArray:
     Args:
         view: of a table; rays: of it; target: 1/range, NaN where not known or of more than one surface.
     """
-    rows, direction = rays.rows, rays.direction
-    slope = _as_met(view, rows, direction, rays.near, target, _slopes(direction, rays.near, target))
-    slope = _level(view, rows, direction, target, slope)
-    slope = _upright(view, rows, direction, target, slope)
-    return _of_surfaces(view, rows, direction, target, rays.place, slope)
+    slope = _slopes(rays.direction, rays.near, target)
+    facing = view.columns.numbers.get("incidence_deg")
+    if facing is not None:
+        met_deg = facing[rays.rows]
+        slope = _as_met(rays, met_deg, target, slope)
+        slope = _level(rays.direction, met_deg, target, slope)
+        slope = _upright(rays.direction, met_deg, target, slope)
+    return _of_surfaces(view, rays, target, slope)
 
 
 def _slopes(direction: FloatArray, near: IntArray, target: FloatArray) -> FloatArray:
@@ -83,24 +86,19 @@ def _slopes(direction: FloatArray, near: IntArray, target: FloatArray) -> FloatA
     return np.asarray(whole[flattest])
 
 
-def _as_met(
-    view: View, rows: IntArray, direction: FloatArray, near: IntArray, target: FloatArray, slope: FloatArray
-) -> FloatArray:
+def _as_met(rays: Rays, met_deg: FloatArray, target: FloatArray, slope: FloatArray) -> FloatArray:
     """Planes of rays, no steeper than these meet their surfaces: on rough ones neighbours lean by their bumps.
 
     cos(incidence) = n·d is linear in the ray's direction wherever the unit normal n is the same, however far shelves
     and bumps stand back: where neighbours tell such a normal, m = n / (R cos(incidence)). Else the part of m across a
     ray is at most tan(incidence) times that along it.
     """
-    facing = view.columns.numbers.get("incidence_deg")
-    if facing is None:
-        return slope
-    cosine = np.cos(np.radians(facing[rows]))
-    along = np.where(np.isfinite(target), target, 0.0)[:, None] * direction
+    cosine = np.cos(np.radians(met_deg))
+    along = np.where(np.isfinite(target), target, 0.0)[:, None] * rays.direction
     across = slope - along
-    normal = _slopes(direction, near, cosine)
+    normal = _slopes(rays.direction, rays.near, cosine)
     with np.errstate(invalid="ignore", divide="ignore"):
-        lean, most = np.linalg.norm(across, axis=1), np.abs(target * np.tan(np.radians(facing[rows])))
+        lean, most = np.linalg.norm(across, axis=1), np.abs(target * np.tan(np.radians(met_deg)))
         by_normal = normal * (target / cosine)[:, None]
         sure = np.abs(np.linalg.norm(normal, axis=1) - 1.0) < _UNIT
         share = np.minimum(most / lean, 1.0)
@@ -110,14 +108,11 @@ def _as_met(
     return np.asarray(np.where(told, by_normal, capped))
 
 
-def _level(view: View, rows: IntArray, direction: FloatArray, target: FloatArray, slope: FloatArray) -> FloatArray:
+def _level(direction: FloatArray, met_deg: FloatArray, target: FloatArray, slope: FloatArray) -> FloatArray:
     """Planes of rays, level where a ray is told to meet its surface as it would a floor: one ray alone tells that."""
-    facing = view.columns.numbers.get("incidence_deg")
     up = direction[:, 2]
-    if facing is None:
-        return slope
     with np.errstate(invalid="ignore"):
-        level = np.abs(np.cos(np.radians(facing[rows])) - np.abs(up)) < np.minimum(_LEVEL, 0.1 * np.abs(up))
+        level = np.abs(np.cos(np.radians(met_deg)) - np.abs(up)) < np.minimum(_LEVEL, 0.1 * np.abs(up))
     level &= np.isfinite(target)
     found = slope.copy()
     found[level] = 0.0
@@ -125,14 +120,11 @@ def _level(view: View, rows: IntArray, direction: FloatArray, target: FloatArray
     return found
 
 
-def _upright(view: View, rows: IntArray, direction: FloatArray, target: FloatArray, slope: FloatArray) -> FloatArray:
+def _upright(direction: FloatArray, met_deg: FloatArray, target: FloatArray, slope: FloatArray) -> FloatArray:
     """Planes of rays that meet their surface at their own elevation: it stands upright and faces them."""
-    facing = view.columns.numbers.get("incidence_deg")
-    if facing is None:
-        return slope
     level = np.hypot(direction[:, 0], direction[:, 1])
     with np.errstate(invalid="ignore"):
-        upright = np.abs(facing[rows] - np.degrees(np.arccos(np.minimum(level, 1.0)))) < _UPRIGHT_DEG
+        upright = np.abs(met_deg - np.degrees(np.arccos(np.minimum(level, 1.0)))) < _UPRIGHT_DEG
     upright &= np.isfinite(target)
     found = slope.copy()
     found[upright] = 0.0
@@ -140,9 +132,7 @@ def _upright(view: View, rows: IntArray, direction: FloatArray, target: FloatArr
     return found
 
 
-def _of_surfaces(
-    view: View, rows: IntArray, direction: FloatArray, target: FloatArray, place: IntArray, slope: FloatArray
-) -> FloatArray:
+def _of_surfaces(view: View, rays: Rays, target: FloatArray, slope: FloatArray) -> FloatArray:
     """Planes of rays, those of one named surface on one plane where it is one.
 
     Two rays in a corner of the floor tell nothing of how it lies; those in the other corners do.
@@ -150,20 +140,20 @@ def _of_surfaces(
     table = view.columns
     if "surface" not in table.categories:
         return slope
-    code = both(place, table.group("surface")[rows])
+    code = both(rays.place, table.group("surface")[rays.rows])
     found = slope.copy()
     for surface in np.unique(code):
         of_it = np.flatnonzero((code == surface) & np.isfinite(target))
-        rays, values = direction[of_it], target[of_it]
+        direction, values = rays.direction[of_it], target[of_it]
         if of_it.size < _FEWEST_ON_SURFACE:
             continue
-        spread = float(np.linalg.svd(rays, compute_uv=False)[-1])
+        spread = float(np.linalg.svd(direction, compute_uv=False)[-1])
         weight = 1.0 / np.maximum(np.abs(values), 1e-12)
         left = np.zeros(of_it.size)
         for _ in range(_ROUNDS):
             root = weight / (1.0 + (left / FLAT) ** 2)
-            plane = np.linalg.lstsq(rays * root[:, None], values * root, rcond=None)[0]
-            left = np.abs(rays @ plane - values) * weight
+            plane = np.linalg.lstsq(direction * root[:, None], values * root, rcond=None)[0]
+            left = np.abs(direction @ plane - values) * weight
         on_it = left < FLAT
         if np.mean(on_it) <= _ONE_PLANE or spread < _LEAST_SPREAD:
             continue

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.effects_bench import bench_of
-from arl_fixtures.reconcile.effects_common import FloatArray, distances, per_table, per_view
+from arl_fixtures.reconcile.effects_common import FloatArray, distances, per_table, per_view, pure_rows
 from arl_fixtures.reconcile.effects_illumination import turns_round
 from arl_fixtures.reconcile.effects_pointing import footprint_share
 from arl_fixtures.reconcile.effects_rings import beside_in_rings
@@ -122,10 +122,7 @@ def _is_seen(view: View, surface: str) -> bool:
 def _share_by_bearing(view: View, channel: str, surface: str, mixed: IntArray) -> FloatArray:
     codes, labels = view.columns.categories["surface"]
     signal = view.columns.numbers[f"sim_{channel}"]
-    pure = np.isfinite(signal)
-    if view.is_category("mixed"):
-        marks, names = view.columns.categories["mixed"]
-        pure &= marks != (names.index("true") if "true" in names else -2)
+    pure = np.isfinite(signal) & pure_rows(view)
     part, total = np.zeros(mixed.size), np.zeros(mixed.size)
     for index, label in enumerate(labels):
         here = codes == index

@@ -44,16 +44,19 @@ def without_chance(
     """
     steps = data.level("step")
     while len(chosen.terms) > 1 and steps is not None:
+        shared = [k for k, term in enumerate(chosen.terms) if work.is_shared(term.basis.columns)]
+        if not shared:
+            break
         fits = data.fit_scatter(residual - changed(chosen))[0]
         left: list[tuple[float, int, Chosen]] = []
-        for k, (term, values) in enumerate(zip(chosen.terms, chosen.values, strict=True)):
-            if work.is_shared(term.basis.columns):
-                rest = confirm(work, [t.basis for t in chosen.terms if t is not term])
-                gain = fits - data.fit_scatter(residual - changed(rest))[0]
-                cost = paid(term, values) + term.basis.price
-                left.append((of_few_steps(gain, len(values), steps) / chosen.scatter - cost, k, rest))
-        worst = min(left, default=None)
-        if worst is None or worst[0] > 0.0:
+        for k in shared:
+            term, values = chosen.terms[k], chosen.values[k]
+            rest = confirm(work, [t.basis for t in chosen.terms if t is not term])
+            gain = fits - data.fit_scatter(residual - changed(rest))[0]
+            cost = paid(term, values) + term.basis.price
+            left.append((of_few_steps(gain, len(values), steps) / chosen.scatter - cost, k, rest))
+        worst = min(left)
+        if worst[0] > 0.0:
             break
         chosen = worst[2]
     return chosen

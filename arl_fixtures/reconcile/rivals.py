@@ -25,7 +25,7 @@ the log-likelihood of a law of the names' own columns. A law pays for having bee
 benchmarks/concealed the likeliest law was less likely than these, but where they gained some thousands."""
 BEATEN_PATTERN = 12.0
 """By how much a law must do better than a free pattern of pixels."""
-OF_FIELD = 0.7
+BESIDE_RINGS = 0.7
 """Share of what a pixel's rows have in common that rings leave at most, for them to stand in a pattern's place."""
 ELSEWHERE = 1.0
 """Log-likelihood by which another place must be likelier: bins of a radius that hold a pixel each say the same."""
@@ -232,7 +232,7 @@ def is_outdone(
         if has_rings(law) and chosen.plain > BEATEN_PATTERN:
             left = d.measured - d.expect * (state[name] + law.correction(looker.features, state[name]))[d.use]
             shared = [d.fit_scatter(rest)[1].get("pixel", 0.0) for rest in (d.residual(state), left)]
-            if shared[1] < OF_FIELD * shared[0]:
+            if shared[1] < BESIDE_RINGS * shared[0]:
                 return True
         least = gain + max(BEATEN_PATTERN, BEATEN_SHARE * gain)
         if chosen.z > LEAST_Z and chosen.plain > least and not set(law.drivers) <= PIXEL_COLUMNS:
