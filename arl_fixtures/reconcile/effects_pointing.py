@@ -210,6 +210,7 @@ def point_elsewhere(
     turn: FloatArray | float = 0.0,
     lift: FloatArray | float = 0.0,
     beam_turns: bool = True,
+    by_planes: bool = True,
 ) -> None:
     """Let every row see what lies `turn` degrees further in bearing and `lift` degrees higher.
 
@@ -218,9 +219,10 @@ def point_elsewhere(
         state: its signals and distances are replaced.
         turn, lift: change of the ray's direction, degrees; positive along azimuth and elevation.
         beam_turns: whether the illumination goes with the ray (a turned sensor) or stays (a changed lens).
+        by_planes: whether planes tell what they can (see `changes_elsewhere`).
     """
     moves = (0.0, 0.0) if beam_turns else (turn, lift)
-    _set_seen(view, state, changes_elsewhere(view, turn, lift), *moves)
+    _set_seen(view, state, changes_elsewhere(view, turn, lift, by_planes=by_planes), *moves)
 
 
 def look_from(view: View, state: State, forward: FloatArray | float, right: FloatArray | float) -> bool:
@@ -281,12 +283,19 @@ def _set_seen(
         set_light(view, state, name, state[name] * np.clip(np.where(np.isfinite(ratio), ratio, 1.0), 0.01, 100.0))
 
 
-def changes_elsewhere(view: View, turn: FloatArray | float, lift: FloatArray | float) -> dict[str, FloatArray]:
-    """Ratio of each signal and difference of each distance between the turned ray and the row's own."""
+def changes_elsewhere(
+    view: View, turn: FloatArray | float, lift: FloatArray | float, *, by_planes: bool = True
+) -> dict[str, FloatArray]:
+    """Ratio of each signal and difference of each distance between the turned ray and the row's own.
+
+    Args:
+        view: rows under work; turn, lift: of their rays, degrees.
+        by_planes: whether planes tell it of the rows that lie on some; else the scene's curves tell all.
+    """
     found = scene(view)
     if found is None or not found.curves:
         return {}
-    room = room_of(view, found.sign)
+    room = room_of(view, found.sign) if by_planes else None
     if room is None:
         return _along_curves(found, view, turn, lift)
     told, planes = on_planes(view), changes_in_room(view, room, turn, lift)

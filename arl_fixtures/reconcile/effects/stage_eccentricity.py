@@ -97,7 +97,7 @@ class Eccentricity(Effect):
             turn = np.nan_to_num(np.degrees((right * cosine - forward * sine) / np.maximum(edge, 1e-9)))
             closer = np.nan_to_num(np.clip(near / range_, -0.5, 0.5))
         before = {distance: state[distance] for distance in distances(view)}
-        point_elsewhere(view, state, turn=np.clip(turn, -5.0, 5.0))
+        point_elsewhere(view, state, turn=np.clip(turn, -5.0, 5.0), by_planes=False)  # they have told theirs
         part, most = _on_planes(variant, view, forward, right)
         for distance, own in before.items():
             change = state[distance] - near - own
