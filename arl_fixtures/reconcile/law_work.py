@@ -92,10 +92,12 @@ class Work:
     def is_shared(self, columns: Sequence[str]) -> bool:
         """Whether all columns are constant within steps: steps then are the only witnesses, and they share errors."""
         count = np.maximum(np.bincount(self.step), 1)
-        if PIXEL in columns:  # a number whose devices lie further apart than their pixels
-            return False
         for name in columns:
             x = np.nan_to_num(self.features[name])
+            if name == PIXEL:  # a name and no size: devices lie further apart than their pixels
+                if len(np.unique(np.stack([self.step, x]), axis=1).T) > len(np.unique(self.step)):
+                    return False
+                continue
             mean = np.bincount(self.step, x) / count
             if float(np.mean((x - mean[self.step]) ** 2)) > 0.02 * float(np.var(x)):
                 return False

@@ -1,15 +1,19 @@
 """Few steps tell little of what they share, and one step's image tells enough."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy import stats
 
 from arl_fixtures.reconcile.law_search import is_law, search_law
 from arl_fixtures.reconcile.law_steps import of_few_steps
+from arl_fixtures.reconcile.law_work import Work
 from arl_fixtures.reconcile.noise import Level
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.robust import log_beta
+from arl_fixtures.reconcile.roles import PIXEL
 from arl_fixtures.reconcile.table import load_table
 
 
@@ -90,3 +94,11 @@ def test_a_gain_beyond_any_probability_is_worth_its_logarithm():
     assert worth[-1] == pytest.approx(16_000.0, rel=0.05)
     assert log_beta(-3.0, 4.0, 0.5) == pytest.approx(float(stats.beta.logcdf(np.exp(-3.0), 4.0, 0.5)))
     assert log_beta(-200.0, 4.0, 0.5) == pytest.approx(float(stats.beta.logcdf(np.exp(-150.0), 4.0, 0.5)) - 200.0)
+
+
+def test_a_pixel_is_shared_by_the_rows_of_a_step_where_a_step_has_one():
+    """Numbers of devices lie far apart, so that those of their pixels seem alike."""
+    step, device = np.repeat(np.arange(8), 5), np.repeat([3e9, 8e9], 20)
+    for pixel, alone in ((device, True), (device + np.tile(np.arange(5.0), 8), False)):
+        work = SimpleNamespace(step=step, features={PIXEL: pixel, "tof_temperature_c": 1.0 * step})
+        assert Work.is_shared(work, (PIXEL, "tof_temperature_c")) is alone

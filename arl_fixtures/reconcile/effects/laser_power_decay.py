@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from arl_fixtures.reconcile.effects_common import (
     temperature_drivers,
 )
 from arl_fixtures.reconcile.effects_history import History, history, on_rows, time_column
-from arl_fixtures.reconcile.effects_light_current import is_swept, shifted
+from arl_fixtures.reconcile.effects_light_current import driving_currents, shifted
 from arl_fixtures.reconcile.effects_one_laser import all_readouts, apply_to_all, with_all_readouts
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
@@ -58,8 +58,8 @@ class PowerDecay(LightFactor):
     def _variants(self, view: View) -> Iterable[Variant]:
         columns = age_drivers(view)
         warm = temperature_drivers(view, "laser_temperature_c", "housing_temperature_c", limit=2)
-        currents = [name for name in view.currents() if is_swept(view, name)]
         for channel in signals(view):
+            currents = driving_currents(view, channel)
             for column in columns:
                 plain: dict[str, Option] = {"channel": channel, "age": column, "temperature": ""}
                 loss = amplitude("loss", "1", 0.0, 3.0, 0.05)
@@ -229,7 +229,7 @@ def _running_options(view: View) -> dict[str, Option]:
     return {"first": rounded(low), "last": rounded(high), "within": "time_s", "period": period}
 
 
-def _driven(view: View, currents: list[str]) -> list[tuple[tuple[Parameter, ...], dict[str, Option]]]:
+def _driven(view: View, currents: Sequence[str]) -> list[tuple[tuple[Parameter, ...], dict[str, Option]]]:
     """Without and, where a drive current is swept, with a threshold that rises: its parameter and option."""
     ways: list[tuple[tuple[Parameter, ...], dict[str, Option]]] = [((), {})]
     for current in currents[:1]:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from rendered_bench import corrected, left_over, make_columns, variant_of
 
+from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.view import View
 
 
@@ -118,3 +119,16 @@ def test_the_current_that_the_light_follows_drives_the_laser_and_not_the_fans():
         view, variant_of(view, "laser.thermal_rolloff", kind="curve"), threshold_shift=0.005, reference=25.0
     )
     assert left_over(view, state, "photodiode_w") < 0.01
+
+
+def test_a_threshold_that_ages_is_that_of_the_laser_and_not_of_a_pump_before_it_in_the_alphabet():
+    rng = np.random.default_rng(5)
+    current, cycle = (a.ravel() for a in np.meshgrid(np.repeat([1.8, 2.2, 2.6, 3.0], 9), [0.0, 1.0, 2.0, 3.0]))
+    columns = {
+        "coolant_pump_current_a": rng.choice([1.0, 2.0], size=current.size), "laser_current_a": current,
+        "cycle": cycle, "sim_photodiode_w": carriers(current, np.full_like(current, 1.0)),
+        "photodiode_w": carriers(current, 1.0 + 0.05 * cycle),
+    }  # fmt: skip
+    view = View(make_columns(columns, {}, shuffle=None)[0])
+    driven = {v.options["current"] for v in library()["laser.power_decay"].variants(view) if "current" in v.options}
+    assert driven == {"laser_current_a"}
