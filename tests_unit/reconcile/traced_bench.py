@@ -66,6 +66,14 @@ def one_ray(azimuth, up, stage, height_m, forward_m, panels, arc_m=1.1, wall_m=1
     return rho * cosine / far**2, far
 
 
+def angles_of(u, v, fx=58.1):
+    """Azimuth and elevation of the middle of pixels, degrees."""
+    x, y = (u - 63.5) / fx, (v - 15.5) / 66.0
+    grow = 2.0 / (1.0 + np.sqrt(1.0 - 4.0 * 0.198 * (x * x + y * y)))
+    elevation = np.degrees(np.arcsin(-y * grow / np.sqrt(1.0 + (x * grow) ** 2 + (y * grow) ** 2)))
+    return np.degrees(np.arctan(x * grow)), elevation
+
+
 def table(*, seed=3, height_m=0.10, turn_deg=0.0, noise=True, angles=41, pixels=24, whole=False, **real):
     """Strewn pixels over a fine sweep in three steps: nominal simulation, `real` bench as measured.
 
@@ -89,10 +97,7 @@ def table(*, seed=3, height_m=0.10, turn_deg=0.0, noise=True, angles=41, pixels=
             seen(turn, places=FIFTEENTHS, **other) for turn, other in ((0.0, own), (turn_deg, real))
         )
         light, far = sim_light + (there - here), sim_far + (away - near)
-    x, y = (u - 63.5) / real.get("fx", 58.1), (v - 15.5) / 66.0
-    grow = 2.0 / (1.0 + np.sqrt(1.0 - 4.0 * 0.198 * (x * x + y * y)))
-    azimuth = np.degrees(np.arctan(x * grow))
-    elevation = np.degrees(np.arcsin(-y * grow / np.sqrt(1.0 + (x * grow) ** 2 + (y * grow) ** 2)))
+    azimuth, elevation = angles_of(u, v, real.get("fx", 58.1))
     beam = 4000.0 * 1.1**2 * np.exp(-((azimuth / 75.0) ** 4) - (elevation / 18.0) ** 4)
     error = np.sqrt(36.0 + 0.25 * beam * sim_light + (0.004 * beam * sim_light) ** 2)
     blur = np.hypot(0.004, 0.30 * error / (beam * sim_light))
