@@ -13,6 +13,7 @@ from arl_fixtures.reconcile.columns import Channel, FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.mixed_model import UnitConstants
 from arl_fixtures.reconcile.noise import (
+    PARTS_OF_STEPS,
     Level,
     beside_steps,
     fit_tau,
@@ -237,8 +238,9 @@ class ChannelData:
     ) -> tuple[float, float]:
         """Scatter of one level and its gain of likelihood over the level's floor.
 
-        Images are nested in steps: their scatter is what remains beside the mean of their step. So is that of pixels
-        and angles: with rows missing they see more of one step than of another.
+        Images are nested in steps: their scatter is what remains beside the mean of their step, that of a few rows
+        which follow one another beside that of many. So is that of pixels and angles: with rows missing they see more
+        of one step than of another.
         """
         return self._level_scatter(*self._centred(residual), level, partial, lost)
 
@@ -254,12 +256,13 @@ class ChannelData:
     def _level_scatter(
         self, centred: FloatArray, count: float, level: Level, partial: Whitener, lost: float
     ) -> tuple[float, float]:
-        step = self.level("step")
-        beside = level.name == "frame" or (level is not step and step is not None and level.is_crossed(step))
-        if step is not None and beside:
+        step, part = self.level("step"), level.name in PARTS_OF_STEPS
+        if level.name == "stretch":
+            step = self.level("spell") or step
+        if step is not None and (part or (level is not step and level.is_crossed(step))):
             own = self.scale if self.calibrated and step.scale is not self.scale else None
             centred = beside_steps(centred, step, self.root_weight**2, own, self.unit)
-            count = float(step.count) if level.name == "frame" else max(count, 1.0)
+            count = float(step.count) if part else max(count, 1.0)
         elif level.name == "step":
             count += lost
         sums, weight = partial.group_sums(centred, level.name)

@@ -12,6 +12,8 @@ from arl_fixtures.reconcile.roles import BEARING_SIGNS, FIELD_COLUMNS, HALF_TURN
 from arl_fixtures.reconcile.view import View
 
 NEIGHBOURS = ((1, 0), (-1, 0), (0, 1), (0, -1))
+OF_NEIGHBOURS = ("~edge(", "~sweep", "~before(", "~frame(")
+"""How features begin that compare a row with others."""
 _MOST_PIXELS = 1e4
 """More rows or columns than any image has; with the number of a device still told apart in a float64."""
 LEAST_OWN = 1e-3

@@ -26,6 +26,8 @@ WITHIN_IMAGES = (PATCHES, RUNS)
 BLOCKS_WITHOUT_STEPS = 16
 FEWEST_BLOCKS = 5
 ROWS_OF_A_CURVE, FEWEST_CURVES = 8.0, 2
+SHORTEST_RUN = 3
+"""Rows that follow one another from which they may share an error of their own."""
 DRIVES = {"A", "mA", "uA", "V", "mV", "W", "mW", "uW"}
 """Units of what a device is driven by, set anew for every curve."""
 
@@ -40,6 +42,8 @@ class Groups:
         frame: rows of one image, nested in `step`.
         pixel: rows of one pixel of one unit.
         angle: rows of one stage angle of one unit.
+        stretch, spell: rows of a step that follow one another in time where no images are told apart: a few, nested
+            in many. Where blocks of time stand for steps what wanders over them is what is asked for.
         block: unit of holding out: steps, or blocks of neighbouring conditions.
         block_name: what a block is, for the report.
         unit_columns: columns that make the unit.
@@ -55,6 +59,8 @@ class Groups:
     block_name: str
     unit_columns: tuple[str, ...]
     of_curves: bool = False
+    stretch: IntArray | None = None
+    spell: IntArray | None = None
 
     @property
     def unseen_alike(self) -> IntArray | None:
@@ -102,13 +108,37 @@ def find_groups(table: Columns) -> Groups:
     frame = _if_repeated(frame, table.n)
     if frame is not None and frame.max() == step.max():
         frame = None
+    told = not step_columns or any(code is not None for code in (frame, angle, pixel))
     block = step
     if step.max() < FEWEST_BLOCKS - 1:
         block, name = _last_resort(table, unit)
     return Groups(
         unit=unit, step=step, frame=frame, pixel=pixel, angle=angle, block=block, block_name=name,
         unit_columns=unit_columns, of_curves=of_curves,
+        stretch=None if told else _following(table, _dense(unit, step), 1.0 / 3.0),
+        spell=None if told else _following(table, _dense(unit, step), 2.0 / 3.0),
     )  # fmt: skip
+
+
+def _following(table: Columns, cell: IntArray, power: float) -> IntArray | None:
+    """Runs of rows that follow one another in time within a cell (what one unit measured in one step).
+
+    Slow noise has no length of its own: runs of two lengths part the octaves between a row and a cell evenly.
+    """
+    if "time_s" not in table.numbers:
+        return None
+    size = np.bincount(cell)
+    length = round(float(np.median(size[cell])) ** power)
+    if length < SHORTEST_RUN:
+        return None
+    order = np.lexsort((table.numbers["time_s"], cell))
+    place = np.empty(table.n, dtype=np.int64)
+    place[order] = np.arange(table.n) - (np.cumsum(size) - size)[cell[order]]
+    run = place // length
+    if power < 0.5:  # within the longer ones
+        longer = place // round(float(np.median(size[cell])) ** (2.0 * power))
+        run = _dense(longer, run)
+    return _dense(cell, run)
 
 
 def swept_column(table: Columns) -> str:

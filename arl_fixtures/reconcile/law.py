@@ -104,11 +104,25 @@ class Axis:
 
 @dataclass(slots=True, kw_only=True)
 class LawTerm:
-    """coefficient · product of axis functions."""
+    """coefficient · product of axis functions.
+
+    Attributes:
+        axes: the functions.
+        value, error: coefficient and its standard error.
+        reach: size at which the product is held: where a band met few rows of a ramp, others may lie far up it.
+    """
 
     axes: tuple[Axis, ...]
     value: float = 0.0
     error: float = 0.0
+    reach: float = np.inf
+
+    def product(self, features: Features, rows: int) -> FloatArray:
+        """Product of the functions on so many rows; nil where a column is missing."""
+        product = np.ones(rows)
+        for axis in self.axes:
+            product = product * (axis(features) if axis.column in features or axis.kind == "one" else 0.0)
+        return np.clip(product, -self.reach, self.reach)
 
     @property
     def text(self) -> str:
@@ -147,10 +161,7 @@ class Law:
         """What to add to the corrected simulation, from feature columns on the same rows."""
         total = np.zeros(len(sim))
         for term in self.terms:
-            product = np.ones(len(sim))
-            for axis in term.axes:
-                product = product * (axis(features) if axis.column in features or axis.kind == "one" else 0.0)
-            total = total + term.value * product
+            total = total + term.value * term.product(features, len(sim))
         if self.trees and all(name in features for name in self.binned_names):
             codes = [
                 np.where(np.isfinite(features[n]), np.searchsorted(cuts, features[n], side="right") + 1, 0)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.features import OF_NEIGHBOURS
 from arl_fixtures.reconcile.law import Axis
 from arl_fixtures.reconcile.law_basis import PRICE_PRODUCT, Basis, price_of
 from arl_fixtures.reconcile.law_work import Work
@@ -46,6 +47,8 @@ def bands_of(work: Work, names: Sequence[str], lines: Sequence[Axis]) -> Iterato
         names: columns that may have a band.
         lines: lines that may multiply it.
     """
+    # between two ratios of neighbours lies a handful of places, and others where other angles are looked at
+    names = [name for name in names if not name.startswith(OF_NEIGHBOURS)]
     parted = {name: part for name in {*names, *(n for pair in SIDES for n in pair)} if (part := _parted(work, name))}
     factors: list[Axis | None] = [None, *lines[:MOST_LINES]]
     sides = next((pair for pair in SIDES if all(n in parted for n in pair)), ())

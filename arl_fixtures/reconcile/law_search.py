@@ -5,7 +5,7 @@ Which terms it has is chosen in `law_choice`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.grouping import WITHIN_IMAGES
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm, axes_of
-from arl_fixtures.reconcile.law_basis import PRICE_MARK, PRICE_ZERO, Basis
+from arl_fixtures.reconcile.law_basis import PRICE_MARK, PRICE_ONE, PRICE_ZERO, Basis, price_of
 from arl_fixtures.reconcile.law_candidates import Candidates
 from arl_fixtures.reconcile.law_choice import FURTHER_GAIN, LEAST_GAIN, find_terms
 from arl_fixtures.reconcile.law_fit import Chosen, confirm, joint, weighed
@@ -56,6 +56,8 @@ LIKELIER, LIKELIER_SHARED, LIKELIER_BESIDE = 1.5, 0.5, 6.0
 """Marginal likelihood of a whole law, less its price, that tells of a mismatch. A law of what steps share needs next
 to none: its gain is already that of a test which knows how few they are. In 107 null tables three laws had any terms,
 none of them both this and `LAW_GAIN`. Beside a name, whose shape is never quite right, more."""
+REACH = 2.0
+"""How much larger than on any row at hand a product of several columns may become on others."""
 FEW_BLOCKS = 4.0
 """The least of these from which fewer blocks may say so."""
 LEAST_Z, FEW_Z = 1.7, 1.5
@@ -92,19 +94,19 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
     within = looker.problem.groups.block_name in WITHIN_IMAGES
     shared = surprise_shared(looker.problem.view, data.channel, data.use)
     for tau in _starts(data, within_images=within):
-        trial, found = _from_start(looker, data, state, leading, tau)
-        if not found.terms:
-            continue
-        corrected = state[data.channel.name] + trial.correction(looker.features, state[data.channel.name])
-        after, _ = data.fit_scatter(data.measured - data.expect * corrected[data.use])
-        gain = after - before
-        if found.shared:
-            gain = of_few_steps(gain, sum(len(v) for v in found.values), data.level("step"))
-        found.plain, found.likelier = gain - found.cost(), (gain / found.scatter - found.cost()) / shared
-        stands, stood = is_law(found), is_law(chosen)  # what only fits gives way to what foretells
-        least = chosen.likelier + START_GAIN if chosen.terms and stands == stood else 0.0
-        if found.likelier > least and stands >= stood:
-            law, chosen = trial, found
+        for trial, found in _from_start(looker, data, state, leading, tau):
+            corrected = state[data.channel.name] + trial.correction(looker.features, state[data.channel.name])
+            after, _ = data.fit_scatter(data.measured - data.expect * corrected[data.use])
+            gain = after - before
+            if found.shared:
+                gain = of_few_steps(gain, sum(len(v) for v in found.values), data.level("step"))
+            found.plain, found.likelier = gain - found.cost(), (gain / found.scatter - found.cost()) / shared
+            stands, stood = is_law(found), is_law(chosen)  # what only fits gives way to what foretells
+            least = chosen.likelier + START_GAIN if chosen.terms and stands == stood else 0.0
+            if found.likelier > least and stands >= stood:
+                law, chosen = trial, found
+            if stands:
+                break  # what it says needs not be said more simply
     return law, chosen
 
 
@@ -128,7 +130,8 @@ def _starts(data: ChannelData, *, within_images: bool = False) -> list[dict[str,
 def _from_start(
     looker: Looker, data: ChannelData, state: State, leading: Sequence[str],
     tau: dict[str, float],
-) -> tuple[Law, Chosen]:  # fmt: skip
+) -> Iterator[tuple[Law, Chosen]]:  # fmt: skip
+    """What is found with these scatters, and a single term of several factors without one of them."""
     law, chosen = law_of(Chosen(), data), Chosen()
     for _ in range(MOST_PASSES):
         work = whole = Work(data, state, looker.features, tau)
@@ -145,8 +148,21 @@ def _from_start(
         before, (_, tau) = tau, data.fit_scatter(data.measured - data.expect * corrected[data.use])
         if all(max(tau[v.name], v.floor) == max(before.get(v.name, 0.0), v.floor) for v in data.levels):
             break  # the next pass would find the same
-    if not chosen.terms:
-        return law, chosen
+    bases = [t.basis for t in chosen.terms]
+    if bases:
+        yield _settled(data, state, looker, bases, tau)
+    for axis in bases[0].axes if len(bases) == 1 and len(bases[0].axes) > 1 else ():
+        if not axis.is_open and axis.kind != "one":
+            axes = tuple(a for a in bases[0].axes if a is not axis)
+            least = PRICE_ONE + price_of(tuple(a.column for a in axes))
+            price = max(bases[0].price - PRICE_FACTOR, least)
+            yield _settled(data, state, looker, [replace(bases[0], axes=axes, price=price)], tau)
+
+
+def _settled(
+    data: ChannelData, state: State, looker: Looker, bases: Sequence[Basis], tau: dict[str, float]
+) -> tuple[Law, Chosen]:
+    """A law of these terms on as many rows as are fitted, without those that harm or that chance alone explains."""
     work = Work(data, state, looker.features, tau, ALL_ROWS)
     sim = state[data.channel.name]
     residual = data.residual(state)
@@ -154,10 +170,14 @@ def _from_start(
     def changed(terms: Chosen) -> FloatArray:
         return data.expect * law_of(terms, data).correction(looker.features, sim)[data.use]
 
-    final = harmless(work, confirm(work, [t.basis for t in chosen.terms]), data, residual, changed)
+    final = harmless(work, confirm(work, bases), data, residual, changed)
     final = without_chance(work, final, data, residual, changed)
-    final.shared = all(work.is_shared(t.basis.columns) for t in chosen.terms)
-    return law_of(final, data), final
+    final.shared = all(work.is_shared(t.basis.columns) for t in final.terms)
+    law = law_of(final, data)
+    for term in law.terms:
+        if len({axis.column for axis in term.axes}) > 1:
+            term.reach = REACH * float(np.max(np.abs(term.product(work.features, len(work.pick)))))
+    return law, final
 
 
 def narrowed(work: Work, chosen: Chosen, factors: Sequence[Axis]) -> Chosen:

@@ -63,6 +63,7 @@ class LawTermFile(FileModel):
 
     coefficient: float
     functions: list[AxisFile]
+    reach: float | None = None
 
 
 class TreesFile(FileModel):
@@ -178,6 +179,7 @@ def _law_file(law: Law) -> LawFile:
         LawTermFile(
             coefficient=t.value,
             functions=[_axis_file(a) for a in t.axes],
+            reach=t.reach if np.isfinite(t.reach) else None,
         )
         for t in law.terms
     ]

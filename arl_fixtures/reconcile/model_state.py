@@ -95,7 +95,11 @@ def laws_of(model: ModelFile) -> list[Law]:
                 relative=item.relative,
                 drivers=list(item.drivers),
                 terms=[
-                    LawTerm(axes=tuple(_axis_of(a) for a in t.functions), value=t.coefficient) for t in item.terms
+                    LawTerm(
+                        axes=tuple(_axis_of(a) for a in t.functions), value=t.coefficient,
+                        reach=np.inf if t.reach is None else t.reach,
+                    )
+                    for t in item.terms
                 ],
                 trees=[]
                 if trees is None

@@ -30,7 +30,7 @@ class Level:
     """One grouping of a channel's rows.
 
     Attributes:
-        name: `pixel`, `angle`, `frame`, `step`, or `unit` for the zeros of calibrated signals.
+        name: `pixel`, `angle`, `frame`, `stretch`, `spell`, `step`, or `unit` for the zeros of calibrated signals.
         code: group of each row, 0…count−1.
         count: number of groups.
         scale: shape of the shared error on each row: τ·scale is its standard deviation.
@@ -109,8 +109,10 @@ def beside_steps(
 
 CROSSED = ("pixel", "angle")
 """Levels whose groups each hold rows of many steps."""
-NESTED = ("frame", "step")
-"""Levels of which the groups of the one lie within those of the other."""
+PARTS_OF_STEPS = ("frame", "stretch", "spell")
+"""Levels whose groups lie within steps: images, or few and many rows that follow one another in time."""
+NESTED = (*PARTS_OF_STEPS, "step")
+"""Levels of which the groups of the one lie within those of the next."""
 
 
 def turned(levels: tuple[Level, ...]) -> tuple[Level, ...]:

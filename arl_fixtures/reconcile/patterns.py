@@ -14,7 +14,7 @@ import numpy as np
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import Effect, Parameter, State, Variant
-from arl_fixtures.reconcile.noise import fit_tau, less_constants
+from arl_fixtures.reconcile.noise import PARTS_OF_STEPS, fit_tau, less_constants
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.silence import deaths, some_dark
@@ -206,7 +206,7 @@ def shared_part(data: ChannelData, residual: FloatArray) -> FloatArray:
         total = residual - less_constants(residual, data.scale, weight, data.unit, second=data.second)
     elif data.calibrated:
         total = data.scale * data.constants(residual)[data.unit]
-    for name in ("step", "frame"):
+    for name in ("step", *PARTS_OF_STEPS):
         for level in (level for level in data.levels if level.name == name):
             tau = data.tau.get(level.name, 0.0)
             if tau > 0:

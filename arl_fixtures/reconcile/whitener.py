@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
-from arl_fixtures.reconcile.noise import Level
+from arl_fixtures.reconcile.noise import NESTED, PARTS_OF_STEPS, Level
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class Whitener:
 
     Args:
         root_weight: 1 / standard error of each row (0 = row does not count).
-        levels: `frame` before `step`; before or after both the crossed ones (see `turned`).
+        levels: `frame`, or `stretch` and `spell`, before `step`; before or after them the crossed ones (`turned`).
         tau: level name to scatter in units of the level's scale.
     """
 
@@ -82,9 +82,9 @@ class Whitener:
 
     def _prepare(self, level: Level, tau: float) -> _Step:
         direction = self.root_weight * level.scale
-        if level.name == "step":
+        if level.name in NESTED:
             for step, inner in zip(self._steps, self.levels, strict=True):
-                if inner.name == "frame":
+                if inner.name in PARTS_OF_STEPS:
                     direction = _apply(step, direction)
         weight = _sum_by(level.code, direction**2, level.count)
         return _step_of(level, direction, weight, tau)
