@@ -87,10 +87,8 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
             wave = best_wave(work, name)
             if wave:
                 bases.append(Basis(waves=waves_of(name, wave.turns), price=PRICE_TWO + extra + wave.price))
-                phase = Axis(
-                    column=name, kind="table", at=1.0 / wave.turns, edges=tuple(np.arange(1, 8) / 8.0 / wave.turns)
-                )
-                bases.append(Basis(axes=(phase,), prior=np.eye(8), price=PRICE_TWO + 2.0 + extra + wave.price))
+                phase, more = folded(name, wave.turns), PRICE_TWO + 2.0 + extra + wave.price
+                bases.append(Basis(axes=(phase,), prior=np.eye(phase.count), price=more))
             rings = best_rings(work, name) if name == FIELD_COLUMNS[0] and in_degrees(view) else None
             if rings:
                 bases.append(Basis(waves=rings_of(name, rings.turns), price=PRICE_TWO + extra + rings.price))
@@ -108,7 +106,7 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
     if signal is not None:  # what is added, not multiplied
         alone = [m.basis for n in names for m in pool.items if m.basis.columns == (n,) and not m.basis.waves][:80]
         pool.add(Basis(axes=(*b.axes, signal), prior=b.prior, price=b.price + 1.0) for b in alone)
-        pool.add(_beating(work, signal))
+    pool.add(_beating(work, looker, signal))
     bits = pool.add(of_bits(work, looker, signal))
     pool.add(where_bits(work, sorted(bits, key=lambda m: -m.gain)[:MOST_BITS], names, simple))
     pool.add(_pairs(work, looker, names, simple))
@@ -164,12 +162,28 @@ def _signal(work: Work) -> Axis | None:
     return Axis(column=name, kind="inverse", middle=middle, width=high - low)
 
 
-def _beating(work: Work, signal: Axis) -> Iterator[Basis]:
-    """Light that comes and goes with the time, the same to bright and dark: a lamp that beats with the frames."""
-    wave = best_wave(work, "time_s", signal(work.features)) if "time_s" in work.features else None
-    if wave:
-        price = PRICE_TWO + price_of(("time_s",)) + shared_price(work, ("time_s",)) + wave.price + 1.0
-        yield Basis(waves=tuple((*product, signal) for product in waves_of("time_s", wave.turns)), price=price)
+def _beating(work: Work, looker: Looker, signal: Axis | None) -> Iterator[Basis]:
+    """Light that comes and goes with the time: of a lamp that beats with the frames, of the neighbour of one device.
+
+    The same to bright and dark rows or a share of their signal; waves, and pulses of any form.
+    """
+    if "time_s" not in work.features:
+        return
+    marks = [mark for mark in marks_of(looker) if mark.column in looker.problem.groups.unit_columns]
+    added: list[tuple[Axis, ...]] = [] if signal is None else [(signal,)]
+    for more in [*added, *((mark,) for mark in marks), *((*a, mark) for a in added for mark in marks)]:
+        wave = best_wave(work, "time_s", np.prod([axis(work.features) for axis in more], axis=0))
+        if wave:
+            price = PRICE_TWO + price_of(("time_s",)) + shared_price(work, ("time_s",)) + wave.price
+            price += sum(PRICE_MARK if axis in marks else 1.0 for axis in more)
+            yield Basis(waves=tuple((*product, *more) for product in waves_of("time_s", wave.turns)), price=price)
+            phase = folded("time_s", wave.turns)
+            yield Basis(axes=(phase, *more), prior=np.eye(phase.count), price=price + 2.0)
+
+
+def folded(name: str, turns: float) -> Axis:
+    """A table over the eighths of a wave's turn."""
+    return Axis(column=name, kind="table", at=1.0 / turns, edges=tuple(np.arange(1, 8) / 8.0 / turns))
 
 
 def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, list[Candidate]]) -> Iterator[Basis]:

@@ -172,7 +172,7 @@ def _settled(
 
     final = harmless(work, confirm(work, bases), data, residual, changed)
     final = without_chance(work, final, data, residual, changed)
-    final.shared = all(work.is_shared(t.basis.columns) for t in final.terms)
+    final.shared = all(work.shares(t.basis) for t in final.terms)
     law = law_of(final, data)
     for term in law.terms:
         if len({axis.column for axis in term.axes}) > 1:

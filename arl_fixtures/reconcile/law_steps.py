@@ -44,7 +44,7 @@ def without_chance(
     """
     steps = data.level("step")
     while len(chosen.terms) > 1 and steps is not None:
-        shared = [k for k, term in enumerate(chosen.terms) if work.is_shared(term.basis.columns)]
+        shared = [k for k, term in enumerate(chosen.terms) if work.shares(term.basis)]
         if not shared:
             break
         fits = data.fit_scatter(residual - changed(chosen))[0]

@@ -56,13 +56,13 @@ def best_wave(
         values: of another function of the column than itself.
     """
     x = work.features[name] if values is None else values
-    good = np.isfinite(x)
+    good = np.isfinite(x) if factor is None else np.isfinite(x) & (factor != 0.0)  # the levels of these rows count
     levels, code = np.unique(x[good], return_inverse=True)
     if len(levels) < 8 or not good.any():
         return None
     span = float(levels[-1] - levels[0])
     if name == "time_s":  # images that follow each other closely tell what steps far apart cannot
-        most = min(_most_turns(levels, FAR_BESIDE), MOST_IN_TIME)
+        most = min(_half_waves(levels, FAR_BESIDE), MOST_IN_TIME)
     else:
         most = _told_turns(levels, min(len(levels) / 3.0, ALONE_TURNS, _most_turns(levels)))
     direction = work.direction[good] if factor is None else (work.direction * factor)[good]
@@ -74,8 +74,11 @@ def best_wave(
 
 def _most_turns(levels: FloatArray, apart: float = FAR_APART) -> float:
     """Turns over a column up to which its levels lie close enough together; whole numbers are all there are."""
-    if bool(np.all(levels == np.round(levels))):
-        return np.inf
+    return np.inf if bool(np.all(levels == np.round(levels))) else _half_waves(levels, apart)
+
+
+def _half_waves(levels: FloatArray, apart: float) -> float:
+    """Turns of which half a wave is as long as this share of the gaps between levels, whole seconds or not."""
     gap = float(np.quantile(np.diff(levels), apart))
     return 0.5 * float(levels[-1] - levels[0]) / gap
 

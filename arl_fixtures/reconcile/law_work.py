@@ -98,10 +98,24 @@ class Work:
                 if len(np.unique(np.stack([self.step, x]), axis=1).T) > len(np.unique(self.step)):
                     return False
                 continue
-            mean = np.bincount(self.step, x) / count
-            if float(np.mean((x - mean[self.step]) ** 2)) > 0.02 * float(np.var(x)):
+            if not self._is_steady(x, count):
                 return False
         return True
+
+    def shares(self, basis: Basis) -> bool:
+        """Whether all that a basis is made of is constant within steps; of a wave that is its phase, not its time."""
+        axes = [axis for product in (basis.axes, *basis.waves) for axis in product if axis.column]
+        turning = {axis for axis in axes if axis.kind in {"sin", "cos"} or (axis.kind == "table" and axis.at > 0.0)}
+        count = np.maximum(np.bincount(self.step), 1)
+        for axis in turning:
+            phase = np.nan_to_num(2.0 * np.pi * self.features[axis.column] / axis.at)
+            if not all(self._is_steady(wave(phase), count) for wave in (np.sin, np.cos)):
+                return False
+        return self.is_shared([axis.column for axis in axes if axis not in turning])
+
+    def _is_steady(self, x: FloatArray, count: FloatArray) -> bool:
+        mean = np.bincount(self.step, x) / count
+        return float(np.mean((x - mean[self.step]) ** 2)) <= 0.02 * float(np.var(x))
 
     def levels_of(self, column: str) -> IntArray | None:
         """Folds that keep equal (or, of very many, neighbouring) values of a column together; None for few values."""
