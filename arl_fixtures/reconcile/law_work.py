@@ -91,14 +91,13 @@ class Work:
 
     def is_shared(self, columns: Sequence[str]) -> bool:
         """Whether all columns are constant within steps: steps then are the only witnesses, and they share errors."""
-        count = np.maximum(np.bincount(self.step), 1)
         for name in columns:
             x = np.nan_to_num(self.features[name])
             if name == PIXEL:  # a name and no size: devices lie further apart than their pixels
                 if len(np.unique(np.stack([self.step, x]), axis=1).T) > len(np.unique(self.step)):
                     return False
                 continue
-            if not self._is_steady(x, count):
+            if not _is_steady(x, self.step):
                 return False
         return True
 
@@ -106,16 +105,11 @@ class Work:
         """Whether all that a basis is made of is constant within steps; of a wave that is its phase, not its time."""
         axes = [axis for product in (basis.axes, *basis.waves) for axis in product if axis.column]
         turning = {axis for axis in axes if axis.kind in {"sin", "cos"} or (axis.kind == "table" and axis.at > 0.0)}
-        count = np.maximum(np.bincount(self.step), 1)
         for axis in turning:
             phase = np.nan_to_num(2.0 * np.pi * self.features[axis.column] / axis.at)
-            if not all(self._is_steady(wave(phase), count) for wave in (np.sin, np.cos)):
+            if not all(_is_steady(wave(phase), self.step) for wave in (np.sin, np.cos)):
                 return False
         return self.is_shared([axis.column for axis in axes if axis not in turning])
-
-    def _is_steady(self, x: FloatArray, count: FloatArray) -> bool:
-        mean = np.bincount(self.step, x) / count
-        return float(np.mean((x - mean[self.step]) ** 2)) <= 0.02 * float(np.var(x))
 
     def levels_of(self, column: str) -> IntArray | None:
         """Folds that keep equal (or, of very many, neighbouring) values of a column together; None for few values."""
@@ -161,6 +155,11 @@ class Work:
             if self._units is not None:
                 z -= self._units.rows(self._units.sums(z) / self._power[:, None])
             part[:] = z.T
+
+
+def _is_steady(x: FloatArray, step: IntArray) -> bool:
+    mean = np.bincount(step, x) / np.maximum(np.bincount(step), 1)
+    return float(np.mean((x - mean[step]) ** 2)) <= 0.02 * float(np.var(x))
 
 
 def _image_folds(image: IntArray | None, block: IntArray) -> IntArray | None:
