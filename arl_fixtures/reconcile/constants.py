@@ -56,6 +56,8 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
                 odds, mean = calibrated(d, before, left, errors, reach, floats=floats), _means(d, left)[0]
                 taken = mean - _means(d, before)[0]
                 values = odds.here * mean + odds.elsewhere * taken + odds.never * values
+            if d.channel.name in lawful:
+                reach = np.maximum(reach, _span_of(d, before - left))
             values = np.where(np.abs(values) > CONSTANT_Z * errors, values, np.clip(values, -reach, reach))
         found: dict[str, float] = {}
         for unit in range(d.units):
@@ -164,6 +166,12 @@ def reach_of(d: ChannelData, change: FloatArray) -> FloatArray:
     power = np.bincount(part, weight, minlength=d.units * count)
     moved = np.bincount(part, weight * change / d.scale, minlength=d.units * count)
     return np.asarray(np.max(np.abs(moved / np.maximum(power, 1e-300)).reshape(d.units, count), axis=1))
+
+
+def _span_of(d: ChannelData, change: FloatArray) -> FloatArray:
+    """From the least to the largest gain or offset that a change makes of rows: a law may be nil at either end."""
+    low, high = np.quantile(change / d.scale, [0.01, 0.99])
+    return np.full(d.units, float(high - low))
 
 
 class Calibrated(NamedTuple):

@@ -7,10 +7,12 @@ import pyarrow as pa
 import pytest
 
 from arl_fixtures.reconcile.constants import calibrated, constants_of, reach_of, zeros_of
+from arl_fixtures.reconcile.features import features_of
 from arl_fixtures.reconcile.held_out import mean_square
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
+from arl_fixtures.reconcile.view import View
 
 SIGMA_M, SHARED_M = 1e-3, 5e-4
 
@@ -203,3 +205,20 @@ def test_a_mean_that_unlike_steps_leave_is_no_fitted_zero(fitted_here):
         assert found["intensity_counts"][""] == pytest.approx(-mean, rel=0.2)
     else:
         assert found == {}
+
+
+@pytest.mark.parametrize("seed", [1, 5, 6])
+def test_an_empirical_law_is_nil_wherever_among_the_rows_the_recording_says(make_table, seed):
+    """Delays that grow from one end of the sweep; a law of them has its zero in the middle, where there is none."""
+
+    def later(columns, _rng):
+        columns["distance_m"] += 4e-5 * (columns["stage_angle_deg"] + 24.3)
+
+    made = make_table(seed, later, duts=1, steps=8, shared=2.5)
+    made["sim_distance_m_repeat_std"] = np.full(made["step"].size, 1e-3)
+    columns = columns_of(pa.table(made))
+    diagnosis = diagnose(columns, effects=[])[0]
+    law = next(f.law for f in diagnosis.findings if f.law is not None)
+    told = law.correction(features_of(View(columns)), np.ones(columns.n)) + diagnosis.constants["distance_m"]["S0"]
+    truth = 4e-5 * (made["stage_angle_deg"] + 24.3)
+    assert np.mean((told - truth) ** 2) < 0.3 * np.mean(truth**2)
