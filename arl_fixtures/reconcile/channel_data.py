@@ -13,6 +13,7 @@ from arl_fixtures.reconcile.columns import Channel, FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.mixed_model import UnitConstants
 from arl_fixtures.reconcile.noise import (
+    NESTED,
     PARTS_OF_STEPS,
     Level,
     beside_steps,
@@ -256,17 +257,20 @@ class ChannelData:
     def _level_scatter(
         self, centred: FloatArray, count: float, level: Level, partial: Whitener, lost: float
     ) -> tuple[float, float]:
-        step, part = self.level("step"), level.name in PARTS_OF_STEPS
-        if level.name == "stretch":
-            step = self.level("spell") or step
-        if step is not None and (part or (level is not step and level.is_crossed(step))):
-            own = self.scale if self.calibrated and step.scale is not self.scale else None
-            centred = beside_steps(centred, step, self.root_weight**2, own, self.unit)
-            count = float(step.count) if part else max(count, 1.0)
+        part, around = level.name in PARTS_OF_STEPS, self._around(level)
+        if around is not None and (part or (level is not around and level.is_crossed(around))):
+            own = self.scale if self.calibrated and around.scale is not self.scale else None
+            centred = beside_steps(centred, around, self.root_weight**2, own, self.unit)
+            count = float(around.count) if part else max(count, 1.0)
         elif level.name == "step":
             count += lost
         sums, weight = partial.group_sums(centred, level.name)
         return fit_tau(sums, weight, floor=level.floor, lost=min(count, level.count / 2.0), freedom=level.freedom)
+
+    def _around(self, level: Level) -> Level | None:
+        """The level that another's groups lie within; the step of one that is no part of any."""
+        wider = NESTED[NESTED.index(level.name) + 1 :] if level.name in PARTS_OF_STEPS else ("step",)
+        return next((found for name in wider if (found := self.level(name)) is not None), None)
 
     def fit_scatter(
         self, residual: FloatArray, *, lost: float = 0.0, without: tuple[str, ...] = ()

@@ -109,36 +109,30 @@ def find_groups(table: Columns) -> Groups:
     if frame is not None and frame.max() == step.max():
         frame = None
     told = not step_columns or any(code is not None for code in (frame, angle, pixel))
+    stretch, spell = (None, None) if told else _following(table, _dense(unit, step))
     block = step
     if step.max() < FEWEST_BLOCKS - 1:
         block, name = _last_resort(table, unit)
     return Groups(
         unit=unit, step=step, frame=frame, pixel=pixel, angle=angle, block=block, block_name=name,
-        unit_columns=unit_columns, of_curves=of_curves,
-        stretch=None if told else _following(table, _dense(unit, step), 1.0 / 3.0),
-        spell=None if told else _following(table, _dense(unit, step), 2.0 / 3.0),
+        unit_columns=unit_columns, of_curves=of_curves, stretch=stretch, spell=spell,
     )  # fmt: skip
 
 
-def _following(table: Columns, cell: IntArray, power: float) -> IntArray | None:
-    """Runs of rows that follow one another in time within a cell (what one unit measured in one step).
+def _following(table: Columns, cell: IntArray) -> tuple[IntArray | None, IntArray | None]:
+    """Few and many rows that follow one another in time within a cell (what one unit measured in one step).
 
     Slow noise has no length of its own: runs of two lengths part the octaves between a row and a cell evenly.
     """
     if "time_s" not in table.numbers:
-        return None
+        return None, None
     size = np.bincount(cell)
-    length = round(float(np.median(size[cell])) ** power)
-    if length < SHORTEST_RUN:
-        return None
     order = np.lexsort((table.numbers["time_s"], cell))
     place = np.empty(table.n, dtype=np.int64)
     place[order] = np.arange(table.n) - (np.cumsum(size) - size)[cell[order]]
-    run = place // length
-    if power < 0.5:  # within the longer ones
-        longer = place // round(float(np.median(size[cell])) ** (2.0 * power))
-        run = _dense(longer, run)
-    return _dense(cell, run)
+    few, many = (round(float(np.median(size[cell])) ** power) for power in (1.0 / 3.0, 2.0 / 3.0))
+    spell = _dense(cell, place // max(many, 1))
+    return _dense(spell, place // few) if few >= SHORTEST_RUN else None, spell if many >= SHORTEST_RUN else None
 
 
 def swept_column(table: Columns) -> str:

@@ -106,7 +106,9 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
     if signal is not None:  # what is added, not multiplied
         alone = [m.basis for n in names for m in pool.items if m.basis.columns == (n,) and not m.basis.waves][:80]
         pool.add(Basis(axes=(*b.axes, signal), prior=b.prior, price=b.price + 1.0) for b in alone)
-    pool.add(_beating(work, looker, signal))
+    marks = marks_of(looker)
+    own = [mark for mark in marks if mark.column in looker.problem.groups.unit_columns]
+    pool.add(_beating(work, own, signal))
     bits = pool.add(of_bits(work, looker, signal))
     pool.add(where_bits(work, sorted(bits, key=lambda m: -m.gain)[:MOST_BITS], names, simple))
     pool.add(_pairs(work, looker, names, simple))
@@ -117,8 +119,8 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
     pool.add(bands_of(work, numeric, lines))
     pool.add(drifts_of(work, numeric))
     recorded = [n for n in sorted(numeric) if not n.startswith(("~", "sim_"))]
-    pool.add(crossed_of(work, distinct(work, recorded), marks_of(looker)))
-    pool.add(_refined(work, looker, pool.items))
+    pool.add(crossed_of(work, distinct(work, recorded), marks))
+    pool.add(_refined(work, marks, pool.items))
     return pool
 
 
@@ -162,14 +164,14 @@ def _signal(work: Work) -> Axis | None:
     return Axis(column=name, kind="inverse", middle=middle, width=high - low)
 
 
-def _beating(work: Work, looker: Looker, signal: Axis | None) -> Iterator[Basis]:
+def _beating(work: Work, marks: Sequence[Axis], signal: Axis | None) -> Iterator[Basis]:
     """Light that comes and goes with the time: of a lamp that beats with the frames, of the neighbour of one device.
 
-    The same to bright and dark rows or a share of their signal; waves, and pulses of any form.
+    The same to bright and dark rows or a share of their signal; waves, and pulses of any form. The marks are those of
+    single devices.
     """
     if "time_s" not in work.features:
         return
-    marks = [mark for mark in marks_of(looker) if mark.column in looker.problem.groups.unit_columns]
     added: list[tuple[Axis, ...]] = [] if signal is None else [(signal,)]
     for more in [*added, *((mark,) for mark in marks), *((*a, mark) for a in added for mark in marks)]:
         wave = best_wave(work, "time_s", np.prod([axis(work.features) for axis in more], axis=0))
@@ -269,12 +271,11 @@ def marks_of(looker: Looker) -> list[Axis]:
     return [*marks, *few][:MOST_MARKS]
 
 
-def _refined(work: Work, looker: Looker, pool: Sequence[Candidate]) -> Iterator[Basis]:
+def _refined(work: Work, marks: Sequence[Axis], pool: Sequence[Candidate]) -> Iterator[Basis]:
     """The best candidates in one category, or at one of two levels, and with a free zero of their lines.
 
     Each may do so much more than without that it comes first only so.
     """
-    marks = marks_of(looker)
     kinds: set[tuple[str, ...]] = set()
     room = {True: MOST_REFINED, False: MOST_REFINED}  # what goes along with all that was set must not leave none
     for item in sorted(pool, key=lambda item: -item.gain):

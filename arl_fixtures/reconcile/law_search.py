@@ -95,6 +95,8 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
     shared = surprise_shared(looker.problem.view, data.channel, data.use)
     for tau in _starts(data, within_images=within):
         for trial, found in _from_start(looker, data, state, leading, tau):
+            if not found.terms:
+                continue
             corrected = state[data.channel.name] + trial.correction(looker.features, state[data.channel.name])
             after, _ = data.fit_scatter(data.measured - data.expect * corrected[data.use])
             gain = after - before
@@ -148,22 +150,21 @@ def _from_start(
         before, (_, tau) = tau, data.fit_scatter(data.measured - data.expect * corrected[data.use])
         if all(max(tau[v.name], v.floor) == max(before.get(v.name, 0.0), v.floor) for v in data.levels):
             break  # the next pass would find the same
-    bases = [t.basis for t in chosen.terms]
-    if bases:
-        yield _settled(data, state, looker, bases, tau)
-    for axis in bases[0].axes if len(bases) == 1 and len(bases[0].axes) > 1 else ():
+    if not chosen.terms:
+        return
+    work, first = Work(data, state, looker.features, tau, ALL_ROWS), chosen.terms[0].basis
+    yield _settled(work, data, state, looker, [t.basis for t in chosen.terms])
+    for axis in first.axes if len(chosen.terms) == 1 < len(first.axes) else ():
         if not axis.is_open and axis.kind != "one":
-            axes = tuple(a for a in bases[0].axes if a is not axis)
-            least = PRICE_ONE + price_of(tuple(a.column for a in axes))
-            price = max(bases[0].price - PRICE_FACTOR, least)
-            yield _settled(data, state, looker, [replace(bases[0], axes=axes, price=price)], tau)
+            axes = tuple(a for a in first.axes if a is not axis)
+            price = max(first.price - PRICE_FACTOR, PRICE_ONE + price_of(tuple(a.column for a in axes)))
+            yield _settled(work, data, state, looker, [replace(first, axes=axes, price=price)])
 
 
 def _settled(
-    data: ChannelData, state: State, looker: Looker, bases: Sequence[Basis], tau: dict[str, float]
+    work: Work, data: ChannelData, state: State, looker: Looker, bases: Sequence[Basis]
 ) -> tuple[Law, Chosen]:
-    """A law of these terms on as many rows as are fitted, without those that harm or that chance alone explains."""
-    work = Work(data, state, looker.features, tau, ALL_ROWS)
+    """A law of these terms on all rows at work, without those that harm or that chance alone explains."""
     sim = state[data.channel.name]
     residual = data.residual(state)
 
