@@ -15,6 +15,7 @@ from arl_fixtures.reconcile.mixed_model import UnitConstants
 from arl_fixtures.reconcile.noise import (
     NESTED,
     PARTS_OF_STEPS,
+    POSE,
     Level,
     beside_steps,
     fit_tau,
@@ -178,7 +179,8 @@ class ChannelData:
         """Let gains and what groups share be parts of other values: of two kinds, they would differ by any curve."""
         self.scale = scale
         self.levels = tuple(
-            level if level.declared or level.name == "unit" else replace(level, scale=scale) for level in self.levels
+            level if level.declared or level.name in {"unit", POSE} else replace(level, scale=scale)
+            for level in self.levels
         )
 
     def tell_step_scatter(self, residual: FloatArray) -> bool:
@@ -257,6 +259,10 @@ class ChannelData:
     def _level_scatter(
         self, centred: FloatArray, count: float, level: Level, partial: Whitener, lost: float
     ) -> tuple[float, float]:
+        if level.smooth is not None:
+            sums, weight = partial.group_sums(centred, level.name)
+            lost = min(float(level.smooth.shape[1]), level.count / 2.0)
+            return fit_tau(level.beyond_smooth(sums, weight), weight, floor=level.floor, lost=lost)
         part, around = level.name in PARTS_OF_STEPS, self._around(level)
         if around is not None and (part or (level is not around and level.is_crossed(around))):
             own = self.scale if self.calibrated and around.scale is not self.scale else None

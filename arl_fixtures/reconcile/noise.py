@@ -30,12 +30,14 @@ class Level:
     """One grouping of a channel's rows.
 
     Attributes:
-        name: `pixel`, `angle`, `frame`, `stretch`, `spell`, `step`, or `unit` for the zeros of calibrated signals.
+        name: `pixel`, `angle`, `pose`, `frame`, `stretch`, `spell`, `step`, or `unit` for the zeros of calibrated
+            signals.
         code: group of each row, 0…count−1.
         count: number of groups.
         scale: shape of the shared error on each row: τ·scale is its standard deviation.
         floor: lower bound of τ (1 where the scale is the declared repeatability).
         declared: whether the table states this scatter.
+        smooth: functions of the groups that are no scatter, (groups, functions); None for none.
     """
 
     name: str
@@ -44,6 +46,7 @@ class Level:
     scale: FloatArray
     floor: float = 0.0
     declared: bool = False
+    smooth: FloatArray | None = None
 
     @property
     def freedom(self) -> float:
@@ -60,7 +63,17 @@ class Level:
     def part(self, rows: IntArray) -> Level:
         """The grouping on some of its rows."""
         present, code = np.unique(self.code[rows], return_inverse=True)
-        return replace(self, code=code.astype(np.int64), count=len(present), scale=self.scale[rows])
+        smooth = None if self.smooth is None else self.smooth[present]
+        return replace(self, code=code.astype(np.int64), count=len(present), scale=self.scale[rows], smooth=smooth)
+
+    def beyond_smooth(self, sums: FloatArray, weight: FloatArray) -> FloatArray:
+        """Projections of groups beyond what they follow as smooth functions; one counts at most as the middle one."""
+        if self.smooth is None or not np.any(weight > 0.0):
+            return sums
+        root = np.sqrt(np.minimum(weight, float(np.median(weight[weight > 0.0]))))
+        mean = sums / np.maximum(weight, 1e-300)
+        fitted = np.linalg.lstsq(root[:, None] * self.smooth, root * mean, rcond=1e-9)[0]
+        return np.asarray(sums - weight * (self.smooth @ fitted))
 
 
 def less_constants(
@@ -109,7 +122,9 @@ def beside_steps(
 
 CROSSED = ("pixel", "angle")
 """Levels whose groups each hold rows of many steps."""
-PARTS_OF_STEPS = ("frame", "stretch", "spell")
+POSE = "pose"
+"""Level of how each image stands: its groups are those of `frame`, its shape is of both signs within each."""
+PARTS_OF_STEPS = (POSE, "frame", "stretch", "spell")
 """Levels whose groups lie within steps: images, or few and many rows that follow one another in time."""
 NESTED = (*PARTS_OF_STEPS, "step")
 """Levels of which the groups of the one lie within those of the next."""

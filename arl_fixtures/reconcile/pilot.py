@@ -25,8 +25,9 @@ from arl_fixtures.reconcile.lonely import (
     kin_of,
     scatter_beside,
 )
-from arl_fixtures.reconcile.noise import Level, less_shared
+from arl_fixtures.reconcile.noise import POSE, Level, less_shared
 from arl_fixtures.reconcile.play import turns
+from arl_fixtures.reconcile.pose_scatter import beside_pose
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import BEARING_SIGNS, PIXEL, Role, played
 from arl_fixtures.reconcile.stated import by_chance
@@ -165,7 +166,9 @@ class Looker:
         whole = self._in_whole_images(data, z)
         for level in data.levels:
             count = np.bincount(level.code, minlength=level.count)
-            if np.median(count[count > 0]) >= 4:
+            if level.name == POSE:
+                z = beside_pose(level, z, level.scale / data.stated)
+            elif np.median(count[count > 0]) >= 4:
                 z = z - _shared(level, z, level.scale / data.stated)
         spread = 1.4826 * float(np.median(np.abs(z)))
         data.spread = max(spread, 1.0) if data.stated_known else max(spread, 0.05)

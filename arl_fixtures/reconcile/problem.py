@@ -13,6 +13,7 @@ from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.estimated_noise import estimated_error, noise_quantities
 from arl_fixtures.reconcile.grouping import Groups, find_groups, folds_of
 from arl_fixtures.reconcile.noise import CROSSED, PARTS_OF_STEPS, Level, level_of, scale_of, unnoticed
+from arl_fixtures.reconcile.pose_scatter import add_pose
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.stated import shortfall, stated_error
 from arl_fixtures.reconcile.view import View
@@ -58,7 +59,7 @@ class Problem:
         rows = view.rows[use]
         levels: list[Level] = []
         for name in (*CROSSED, *PARTS_OF_STEPS):
-            code: IntArray | None = getattr(groups, name)
+            code: IntArray | None = getattr(groups, name, None)
             if code is not None:
                 made = level_of(name, code[rows], scale)
                 if made is not None:
@@ -90,6 +91,7 @@ class Problem:
             quantities, step = noise_quantities(view, use), groups.step[rows]
             data.stated = estimated_error(data.residual(view.sim), frames, quantities, step, scale)
             data.rebuild({})
+        add_pose(data, view, groups.frame)
         return data
 
     @property

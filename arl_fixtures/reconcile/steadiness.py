@@ -39,6 +39,8 @@ UNSTEADY_GAIN = 6.0
 in two hundred names."""
 OVERSHADOWING = 1e4
 """Squares by which others change a channel more than a name does, from which a hundredth of theirs is all of it."""
+FEWEST_IMAGES = 12
+"""Images beyond one in each bin from which their own scatter is known."""
 CALM, LEAST_CALM = 0.02, 0.25
 """Part of the most that weather or edges change up to which a row is free of them, and share of rows that must be."""
 
@@ -138,12 +140,14 @@ def _moves(
     """Whether a term's factor moves with a column; change and left are whitened, by channel."""
     power = np.concatenate([c * c for c in change])
     score = np.concatenate([c * x for c, x in zip(change, left, strict=True)])
+    taken = looker.problem.groups.frame
+    image = None if taken is None else np.concatenate([taken[looker.problem.view.rows][d.use] for d in acting])
     most = UNSTEADY_EXACT if term.effect.exact else UNSTEADY_WEATHER if term.effect.weather else UNSTEADY
     for name, values in looker.features.items():
         if place is not None and _told_by(place, values) > OF_PLACES:
             continue
         here = np.concatenate([values[d.use] for d in acting])
-        tau, gain = factor_scatter(here, power, score)
+        tau, gain = factor_scatter(here, power, score, image)
         moving = gain > UNSTEADY_GAIN and tau > most
         if moving and not (name in looker.problem.groups.unit_columns and acts_in_all(here, power, score)):
             return True
@@ -175,15 +179,19 @@ def _told_by(place: IntArray, values: FloatArray) -> float:
     return float(np.var(mean[code])) / total
 
 
-def factor_scatter(values: FloatArray, power: FloatArray, score: FloatArray) -> tuple[float, float]:
+def factor_scatter(
+    values: FloatArray, power: FloatArray, score: FloatArray, image: IntArray | None = None
+) -> tuple[float, float]:
     """Scatter of a change's factor between the bins of a column, and what a scatter gains in log-likelihood.
 
     The scatter is beyond what noise makes, the noise being that of the rows on which the change acts, within bins: a
     few that lie far off are no other factor. Each bin counts by the change's power in it: where an effect hardly acts
-    (a beam that moves, in its middle), a small error is a large factor.
+    (a beam that moves, in its middle), a small error is a large factor. Where rows of an image are off together (a
+    stage that did not stand where it was sent moves all edges that it saw), images are what bins have several of.
 
     Args:
         values: of the column; power: the whitened change squared; score: times what is left.
+        image: of each row, None where the table has none.
     """
     code = _bins(values)
     total, pull = (np.asarray(np.bincount(code, x), dtype=np.float64) for x in (power, score))
@@ -191,11 +199,24 @@ def factor_scatter(values: FloatArray, power: FloatArray, score: FloatArray) -> 
         return 0.0, 0.0
     there = total > 0.0
     factor = np.divide(pull, total, out=np.zeros_like(pull), where=there)
-    noise = max(float(np.sum((score - factor[code] * power) ** 2) / total.sum()), 1.0)
+    rest = score - factor[code] * power
+    noise = max(float(np.sum(rest**2) / total.sum()), _noise_of_images(rest, power, code, image), 1.0)
     pull = pull - total * (pull.sum() / total.sum())
     gain = fit_tau(pull / noise, total / noise, lost=1.0)[1]
     beyond = float(np.sum(pull[there] ** 2 / total[there])) - noise * (int(there.sum()) - 1)
     return float(np.sqrt(max(beyond, 0.0) / total.sum())), gain
+
+
+def _noise_of_images(rest: FloatArray, power: FloatArray, code: IntArray, image: IntArray | None) -> float:
+    """Variance per power of what images leave as wholes within bins, 0 where bins hold hardly more than one each."""
+    if image is None:
+        return 0.0
+    cell = np.unique(image)
+    acting = np.bincount(image, power)[cell] > 0.0
+    free = int(acting.sum()) - np.unique(code[power > 0.0]).size
+    if free < FEWEST_IMAGES:
+        return 0.0
+    return float(np.sum(np.bincount(image, rest)[cell] ** 2) / power.sum()) * int(acting.sum()) / free
 
 
 def _bins(values: FloatArray) -> IntArray:

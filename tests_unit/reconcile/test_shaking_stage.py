@@ -1,7 +1,8 @@
 """A stage that stands a little off at every stop, which no column and no stated scatter tells.
 
 The edges of an image are then off together. A swing of the stage, a law of the rails or a place on the sweep would
-be read out of a few dozen such stops; none of them is there.
+be read out of a few dozen such stops; none of them is there. And what is there is not hidden by it: of how a stop is
+off each image's edges tell one number, which takes nothing from what else they say.
 """
 
 from functools import cache
@@ -10,6 +11,8 @@ import numpy as np
 import pytest
 
 from arl_fixtures.reconcile.command import reconcile
+from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.table import load_table
 
 STEPS, ANGLES, PIXELS = 3, 41, 24
 
@@ -78,3 +81,58 @@ def test_a_swing_that_is_there_is_found_beside_them(tmp_path, save):
     assert [f.effect for f in diagnosis.findings] == ["stage.periodic_error"]
     period = next(p for p in diagnosis.findings[0].parameters if p.name == "period")
     assert period.low < 9.0 < period.high
+
+
+def pose_scatter(path):
+    """Scatter of the images' poses in a table, degrees; None where it is not asked for."""
+    problem = Problem(load_table(path))
+    problem.refit_scatter(problem.view.fresh_state())
+    return problem.data[0].tau.get("pose")
+
+
+@pytest.mark.parametrize("shake_deg", [0.01, 0.06])
+def test_how_far_stops_are_off_is_told_from_the_edges(tmp_path, save, shake_deg):
+    """Of 123 images the standard deviation is known to 6 %; the noise makes it worse."""
+    table = save(tmp_path / "table.parquet", shaken(5, shake_deg))
+    assert pose_scatter(table) == pytest.approx(shake_deg, rel=0.25)
+
+
+def test_what_follows_the_stage_angle_is_no_scatter_of_it(tmp_path, save):
+    """But for what a displacement does beyond a slope times its size."""
+    table = shaken(5, shake_deg=0.0)
+    bearing = table["azimuth_deg"] + table["stage_angle_deg"]
+    off = 0.02 + 0.05 * np.sin(np.radians(5.0 * table["stage_angle_deg"]))
+    table["intensity_counts"] = table["intensity_counts"] + bright(bearing + off) - bright(bearing)
+    assert (pose_scatter(save(tmp_path / "table.parquet", table)) or 0.0) < 0.3 * float(np.sqrt(np.mean(off**2)))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_zero_that_is_off_is_as_large_as_it_is(tmp_path, save, seed):
+    table = shaken(seed)
+    bearing = table["azimuth_deg"] + table["stage_angle_deg"]
+    table["intensity_counts"] = table["intensity_counts"] + bright(bearing + 0.03) - bright(bearing)
+    (found,) = reconcile(save(tmp_path / "table.parquet", table), tmp_path / "out").findings
+    assert "stage.zero_offset" in {found.effect, *found.equivalent_to}
+    assert found.parameters[0].low < 0.03 < found.parameters[0].high
+
+
+def test_a_response_that_flattens_is_no_law_of_edges(tmp_path, save):
+    table = shaken(1)
+    light = bright(table["azimuth_deg"] + table["stage_angle_deg"])
+    table["intensity_counts"] = table["intensity_counts"] * (1.0 - 4e-6 * light)
+    (found,) = reconcile(save(tmp_path / "table.parquet", table), tmp_path / "out").findings
+    assert found.effect == "detector.compression"
+
+
+def test_a_lag_of_frames_brings_no_pattern_of_pixels_with_it(tmp_path, save):
+    """The sweep runs to and fro: the positions before are where it comes from."""
+    table = shaken(2)
+    back, angle = table["step"] % 2 == 1, table["stage_angle_deg"]
+    behind = np.where(back, 0.9 * (angle < 17.9), -0.9 * (angle > -17.9))
+    place = np.rint((angle + 18.0) / 0.9)
+    table["time_s"] = 1000.0 * table["step"] + 20.0 * np.where(back, ANGLES - 1 - place, place)
+    bearing = table["azimuth_deg"] + angle
+    table["intensity_counts"] = table["intensity_counts"] + 0.03 * (bright(bearing + behind) - bright(bearing))
+    (found,) = reconcile(save(tmp_path / "table.parquet", table), tmp_path / "out").findings
+    assert found.effect == "acquisition.frame_lag"
+    assert found.parameters[0].low < 0.03 < found.parameters[0].high

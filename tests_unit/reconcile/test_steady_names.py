@@ -89,6 +89,24 @@ def test_a_few_rows_far_off_are_no_other_factor_in_the_bins_that_they_fall_into(
     assert factor_scatter(place, change**2, change * (left + 3.0 * (place > 0.5) * change))[1] > UNSTEADY_GAIN
 
 
+def test_images_that_are_off_as_wholes_are_the_noise_of_a_factor():
+    """Of a stage that stops a little off a displacement is larger in the one image, smaller in the next."""
+    rng = np.random.default_rng(3)
+    image = np.repeat(np.arange(96), 30)
+    change = 0.7 * rng.normal(size=image.size)
+    alone, together, moving = [], [], []
+    for _ in range(30):
+        left = rng.normal(size=image.size) + 0.8 * rng.normal(size=96)[image] * change
+        place = np.floor(96.0 * rng.permutation(96) / 96.0)[image]  # of a column with a value for each image
+        alone.append(factor_scatter(place, change**2, change * left)[1])
+        together.append(factor_scatter(place, change**2, change * left, image)[1])
+        left = left + change * np.sin(place / 15.0)
+        moving.append(factor_scatter(place, change**2, change * left, image)[1])
+    assert np.mean(np.array(alone) > UNSTEADY_GAIN) > 0.3
+    assert np.mean(np.array(together) > UNSTEADY_GAIN) <= 0.05
+    assert np.mean(np.array(moving) > UNSTEADY_GAIN) > 0.9
+
+
 def test_bins_in_which_a_name_hardly_acts_decide_nothing():
     """A small error of a law is a large factor where the law says next to nothing, however sure it is."""
     rng = np.random.default_rng(4)
