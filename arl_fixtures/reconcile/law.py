@@ -90,7 +90,8 @@ class Axis:
         """The function as it stands in an expression."""
         c, m, w, a = self.column, f"{self.middle:.5g}", f"{self.width:.5g}", f"{self.at:.5g}"
         return {
-            "one": "1", "ratio": f"{c}/{m}", "linear": f"({c} - {m})/{w}", "square": f"(({c} - {m})/{w})^2",
+            "one": "1", "ratio": f"{c}/{m}", "square": f"(({c} - {m})/{w})^2",
+            "linear": f"({c} - {m})/{w}" if self.middle else f"{c}/{w}",
             "size": f"|{c}|/{w}",
             "above": f"max({c} - {a}, 0)/{w}", "below": f"max({a} - {c}, 0)/{w}", "step": f"[{c} > {a}]",
             "exp": f"exp(3*({c} - {m})/{w})", "inverse": f"{m}/{c}", "log": f"ln({c}/{m})",

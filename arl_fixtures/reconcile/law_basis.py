@@ -256,6 +256,11 @@ def waves_of(first: str, turns: float, second: str = "", more: float = 0.0) -> t
     )
 
 
+def folded(name: str, turns: float) -> Axis:
+    """A table over the eighths of a wave's turn."""
+    return Axis(column=name, kind="table", at=1.0 / turns, edges=tuple(np.arange(1, 8) / 8.0 / turns))
+
+
 def rings_of(name: str, turns: float) -> tuple[tuple[Axis, ...], ...]:
     """Sine and cosine of 2π·turns·sin²(column), over a column in degrees."""
     end = float(np.degrees(np.arcsin(min(turns**-0.5, 1.0))))

@@ -23,6 +23,8 @@ PRICE_CROSSED = 4.0
 TURNS = (1.0, 2.0, 4.0)
 """Waves over a full turn that an angle may act with: an axis off its middle, a doublet, a wave plate."""
 LEAST_SPAN_DEG = 60.0
+NEAR_NIL = 0.5
+"""Lowest value, as a share of its span, of a column whose nil is where an effect of it would be nil."""
 
 
 def crossed_of(work: Work, names: Sequence[str], marks: Sequence[Axis]) -> Iterator[Basis]:
@@ -74,7 +76,10 @@ def _functions(work: Work, names: Sequence[str], marks: Sequence[Axis]) -> list[
         low, high = float(np.nanmin(x)), float(np.nanmax(x))
         if not high > low:
             continue
-        functions.append((name, [Axis(column=name, kind="linear", middle=0.5 * (low + high), width=high - low)]))
+        width = high - low
+        functions.append((name, [Axis(column=name, kind="linear", middle=0.5 * (low + high), width=width)]))
+        if unit_of(name) not in {"°C", "deg", "s"} and -width < low < NEAR_NIL * width:
+            functions.append((name, [Axis(column=name, kind="linear", middle=0.0, width=width)]))
         if unit_of(name) == "deg" and high - low > LEAST_SPAN_DEG:
             functions += [(name, [product[0] for product in waves_of(name, n / 360.0)]) for n in TURNS]
     return [*functions, *((mark.column, [mark]) for mark in marks)]

@@ -25,6 +25,7 @@ from arl_fixtures.reconcile.law_basis import (
     Basis,
     curve_axis,
     curves_of,
+    folded,
     is_proxy,
     map_of,
     moves_waves,
@@ -181,11 +182,6 @@ def _beating(work: Work, marks: Sequence[Axis], signal: Axis | None) -> Iterator
             yield Basis(waves=tuple((*product, *more) for product in waves_of("time_s", wave.turns)), price=price)
             phase = folded("time_s", wave.turns)
             yield Basis(axes=(phase, *more), prior=np.eye(phase.count), price=price + 2.0)
-
-
-def folded(name: str, turns: float) -> Axis:
-    """A table over the eighths of a wave's turn."""
-    return Axis(column=name, kind="table", at=1.0 / turns, edges=tuple(np.arange(1, 8) / 8.0 / turns))
 
 
 def _pairs(work: Work, looker: Looker, names: Sequence[str], simple: dict[str, list[Candidate]]) -> Iterator[Basis]:

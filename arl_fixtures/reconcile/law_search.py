@@ -42,6 +42,8 @@ PRICE_FACTOR = 4.0
 """Further price of a term that one more column multiplies."""
 STEP_SHARES = (0.3, 0.1)
 """Shares of the steps' scatter from which the search starts anew."""
+LESS = 0.7
+"""Share of the scatter before at which a further start is another one."""
 START_GAIN = 3.0
 """Log-likelihood by which a further start must do better."""
 
@@ -124,8 +126,9 @@ def _starts(data: ChannelData, *, within_images: bool = False) -> list[dict[str,
     if level is not None:
         alone = max(data.alone(level), level.floor)
         for share in STEP_SHARES:
-            if share * tau.get("step", 0.0) > alone:
-                starts.append({**tau, "step": share * tau["step"]})
+            least = max(share * tau.get("step", 0.0), alone)  # a gauge study's scatter is what steps share
+            if least < LESS * starts[-1].get("step", 0.0):
+                starts.append({**tau, "step": least})
     return starts
 
 

@@ -1,4 +1,4 @@
-"""Where the kinks and steps of a law's terms lie: the search takes them from a coarse grid, the data place them."""
+"""Where a law's kinks and steps lie, and how long its waves are: the search takes them from a coarse grid."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from arl_fixtures.reconcile.law import thresholds
+from arl_fixtures.reconcile.law import Axis, thresholds
+from arl_fixtures.reconcile.law_basis import Basis, folded
 from arl_fixtures.reconcile.law_candidates import Candidates
 from arl_fixtures.reconcile.law_fit import Chosen, joint
 from arl_fixtures.reconcile.law_work import Work
@@ -16,11 +17,17 @@ PLACES = tuple(np.linspace(0.04, 0.96, 24))
 KINKED = frozenset({"above", "below", "step"})
 LEAST_BETTER = 1.0
 """Log-likelihood on unseen blocks by which another place must do better than the one of the grid."""
+TURNS = (tuple(np.linspace(-0.125, 0.125, 11)), tuple(np.linspace(-0.02, 0.02, 9)))
+"""Turns over a column's span by which a wave is made shorter or longer: the grid's spacing, then a part of it."""
+LONGER = 0.5
+"""Log-likelihood by which another length must fit better: what lies within an error keeps the grid's."""
 
 
 def sharpened(work: Work, chosen: Chosen) -> Chosen:
-    """A law whose kinks and steps lie where unseen blocks like them best, one after the other."""
+    """A law whose kinks and steps lie where unseen blocks like them best, and whose waves are as long as fits."""
     for place, term in enumerate(chosen.terms):
+        for column, period in _periods(term.basis):
+            chosen = _tuned(work, chosen, place, column, period)
         if term.basis.waves:
             continue
         for number, axis in enumerate(term.basis.axes):
@@ -36,6 +43,48 @@ def sharpened(work: Work, chosen: Chosen) -> Chosen:
                     best = trial
             chosen = best
     return chosen
+
+
+def _tuned(work: Work, chosen: Chosen, place: int, column: str, period: float) -> Chosen:
+    """A law with the length of one wave at its likeliest, unless unseen blocks like that less."""
+    values = work.features[column]
+    span = float(np.nanmax(values) - np.nanmin(values))
+    left = joint(work, [t for k, t in enumerate(chosen.terms) if k != place]).left
+    for turns in TURNS:
+        now = chosen.terms[place].basis
+        lengths = [span / max(span / period + more, 1.0 / 3.0) for more in turns]
+        items = Candidates(work, left).add([now, *(_of_length(now, column, period, other) for other in lengths)])
+        own, best = items[0], max(items, key=lambda item: item.gain)
+        trial = joint(work, [*chosen.terms[:place], best, *chosen.terms[place + 1 :]])
+        if best.gain > own.gain + LONGER and trial.held > chosen.held - LEAST_BETTER:
+            chosen, period = trial, dict(_periods(best.basis))[column]
+    return chosen
+
+
+def _periods(basis: Basis) -> list[tuple[str, float]]:
+    """Columns over which a basis swings, and with what period; no parts of a full turn, nor of an image."""
+    found = {(a.column, a.at) for product in (basis.axes, *basis.waves) for a in product if _swings(a)}
+    return sorted(found) if len({column for column, _ in found}) == len(found) else []
+
+
+def _swings(axis: Axis) -> bool:
+    if axis.kind == "table":
+        return axis == folded(axis.column, 1.0 / axis.at) if axis.at > 0.0 else False
+    parts = 360.0 / axis.at if axis.at else 0.0
+    return axis.kind in {"sin", "cos"} and not (axis.column.endswith("_deg") and abs(parts - round(parts)) < 1e-9)
+
+
+def _of_length(basis: Basis, column: str, period: float, other: float) -> Basis:
+    """The same basis with waves of another period over a column."""
+
+    def changed(product: tuple[Axis, ...]) -> tuple[Axis, ...]:
+        return tuple(
+            (folded(column, 1.0 / other) if a.kind == "table" else replace(a, at=other))
+            if a.column == column and a.at == period and _swings(a) else a
+            for a in product
+        )  # fmt: skip
+
+    return replace(basis, axes=changed(basis.axes), waves=tuple(changed(product) for product in basis.waves))
 
 
 def _places(work: Work, column: str) -> list[float]:
