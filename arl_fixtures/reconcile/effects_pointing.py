@@ -13,7 +13,7 @@ from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illu
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.effects_render import as_simulated, rendered
 from arl_fixtures.reconcile.effects_room import changes_in_room, on_planes, room_of
-from arl_fixtures.reconcile.effects_scene import Scene, curves_over_bearing, pixel_width, scene
+from arl_fixtures.reconcile.effects_scene import Scene, curves_over_bearing, gaps_of, pixel_width, scene
 from arl_fixtures.reconcile.effects_sweep import along_sweep
 from arl_fixtures.reconcile.view import IntArray, View
 
@@ -77,8 +77,9 @@ def _by_light(view: View, seen: dict[str, FloatArray]) -> dict[str, FloatArray]:
     return seen
 
 
-_NEAR = 0.03
-"""Share of a pixel's width within which a curve is a straight line: it is a mean over the whole width."""
+_NEAREST, _NEAR, _DENSE = 0.03, 0.35, 0.2
+"""Shares of a pixel's width: over what a slope is told at least and at most, for a curve is a mean over the whole
+width, and gaps between samples below which half of one will do."""
 
 
 def _turned(
@@ -90,7 +91,7 @@ def _turned(
     """
     if not np.any(turn) or not view.varies("pixel_u") or not view.varies("azimuth_deg"):
         return _look(found, line, bearing + turn)
-    near = per_view(view, "near", lambda: _NEAR * pixel_width(view)[view.rows])
+    near = per_view(view, "near", lambda: _near(found, view)[view.rows])
     part = np.clip(turn / np.maximum(near, 1e-9), -1.0, 1.0)
 
     def about() -> list[dict[str, FloatArray]]:
@@ -106,6 +107,12 @@ def _turned(
         rest = np.where(far, beyond[name] - np.where(part > 0.0, right[name], left[name]), 0.0)
         seen[name] = values + slope + rest
     return seen
+
+
+def _near(found: Scene, view: View) -> FloatArray:
+    """How far to either side of a bearing a slope is told, degrees, of every row: as far as the next sample lies."""
+    gap, width = gaps_of(found.line, found.bearing)[found.line], pixel_width(view)
+    return np.asarray(np.clip(np.where(gap < _DENSE * width, 0.5 * gap, gap), _NEAREST * width, _NEAR * width))
 
 
 def footprint_share(view: View, belongs: FloatArray) -> FloatArray | None:

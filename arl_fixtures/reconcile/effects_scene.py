@@ -283,6 +283,16 @@ def gap_of(line: IntArray, bearing: FloatArray) -> float:
     return float(np.quantile(gaps, 0.9)) if gaps.size else np.inf
 
 
+def gaps_of(line: IntArray, bearing: FloatArray) -> FloatArray:
+    """Bearing between the samples of each curve, degrees: the median of its gaps, 0 where it has none."""
+    gaps = np.zeros(int(line.max()) + 1)
+    for index in range(gaps.size):
+        apart = np.diff(np.unique(bearing[line == index]))
+        apart = apart[apart > 1e-6]
+        gaps[index] = float(np.median(apart)) if apart.size else 0.0
+    return gaps
+
+
 def _stacked(height: FloatArray, across: FloatArray, device: IntArray) -> tuple[IntArray, IntArray, float]:
     """Lines next above and below each line of one device (within the same block of columns), and their distance."""
     place = np.round(across).astype(np.int64)

@@ -7,7 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from arl_fixtures.reconcile.acceptance import LEAST_SCATTER, Ranked, acts_alone
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.effects_render import rendered
 from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.own_driver import driven_by, has_own_driver, mends_shape
 from arl_fixtures.reconcile.problem import Problem
@@ -26,8 +29,13 @@ STEADY_GAIN, CLEAR_GAIN = 2.0, 8.0
 what it must gain itself if it gains next to nothing against the strong one."""
 UNDONE = 1.0 / 3.0
 """Share of the squares of two effects of the same drivers that both together must keep: nobody saw what they undo."""
+EDGE_PART, MOST_OF, FEW_ROWS = 0.3, 0.8, 0.4
+"""Part of a gain at edges that the operator may have left there, the share of it that must lie in the rows which hold
+that share of what the operator does, and how many of all rows these may be."""
 SIDE_SHARE = 0.5
 """Share of a gain from which it lives on the side effects of others, and what it must be of what these gain there."""
+SIDE_LEAST = 0.2
+"""Part of what a further effect changes of a scatter, that effects before it must have changed on the side."""
 AT_EDGE = 1e-3
 """Share of an amplitude's range that counts as its edge."""
 _SMALLEST = 1e-300
@@ -49,6 +57,8 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
     for index, term in enumerate(base.terms):
         if not set(term.variant.channels) & set(new.variant.channels) or _is_side(term, new):
             continue
+        if _lives_at_edges(problem, base, ranked, index, gains.get(index, 0.0)):
+            return True
         common = bool(driven_by(term) & driven_by(new))
         alike = common and not has_own_driver(problem, ranked.fit.terms, term)
         hidden = EXACT_SHARE if term.effect.exact else HIDDEN_SHARE
@@ -140,13 +150,12 @@ def _mends_side_effects(problem: Problem, ranked: Ranked) -> bool:
         plain |= not scatter
         old, new = (d.whiten(d.residual(state)) for state in (before, after))
         side = scatter and before[name] is not untouched[name]
+        side = side and _largest(before, untouched, d) > SIDE_LEAST * _largest(after, before, d)
         if scatter:
             gains[side] += 0.5 * float(old @ old - new @ new)
         else:
             means += d.fit_scatter(d.residual(after))[0] - d.fit_scatter(d.residual(before))[0]
-        change = np.abs(after[name] - before[name])[d.use]
-        share = change / np.maximum(np.abs(before[name][d.use]), _SMALLEST)
-        largest = max(largest, float(np.quantile(share, 0.95)))
+        largest = max(largest, _largest(after, before, d))
         if side:
             first = d.whiten(d.residual(untouched))
             moved += 0.5 * float(first @ first - old @ old)
@@ -156,6 +165,13 @@ def _mends_side_effects(problem: Problem, ranked: Ranked) -> bool:
     if gains[True] <= SIDE_SHARE * (gains[True] + max(gains[False], 0.0)):
         return False
     return plain or gains[True] < SIDE_SHARE * moved or largest < 2.0 * LEAST_SCATTER
+
+
+def _largest(after: State, before: State, d: ChannelData) -> float:
+    """Relative change of a channel that one row in twenty exceeds."""
+    name = d.channel.name
+    change = np.abs(after[name] - before[name])[d.use]
+    return float(np.quantile(change / np.maximum(np.abs(before[name][d.use]), _SMALLEST), 0.95))
 
 
 def _stands_apart(problem: Problem, base: Fit, ranked: Ranked, index: int) -> bool:
@@ -177,6 +193,30 @@ def _stands_apart(problem: Problem, base: Fit, ranked: Ranked, index: int) -> bo
     quiet = seen & (size**2 < least)
     share = float(power[quiet].sum() / power.sum())
     return share > QUIET and float(gain[quiet].sum()) > max(QUIET_GAIN, 0.5 * share * float(gain[seen].sum()))
+
+
+def _lives_at_edges(problem: Problem, base: Fit, ranked: Ranked, index: int, gain: float) -> bool:
+    """Whether a further effect of all rows explains what the operator of one that moves edges leaves at these.
+
+    A scene that is known from the table's own samples only is known worst where it jumps: a periodic error whose
+    period fits the ranges of the surfaces is nil on all of them, and free on the mixtures between.
+    """
+    term, new, view = base.terms[index], ranked.fit.terms[-1], problem.view
+    moves = term.effect.displaces or term.effect.mixes
+    if not moves or new.effect.displaces or new.effect.mixes or rendered(view) is not None:
+        return False
+    if ranked.gain > EDGE_PART * gain:
+        return False
+    rest = forward([t for k, t in enumerate(base.terms) if k != index], view)
+    moved = np.concatenate([
+        (d.root_weight * (base.state[d.channel.name] - rest[d.channel.name])[d.use]) ** 2 for d in problem.data
+    ])  # fmt: skip
+    order = np.argsort(-moved)
+    acted = order[: int(np.searchsorted(np.cumsum(moved[order]), MOST_OF * float(moved.sum()))) + 1]
+    if len(acted) > FEW_ROWS * len(moved):
+        return False
+    told = problem.whiten_state(base.state) ** 2 - problem.whiten_state(ranked.fit.state) ** 2
+    return float(told[acted].sum()) > MOST_OF * float(told.sum())
 
 
 def _grows_with(problem: Problem, base: Fit, ranked: Ranked, index: int) -> float:
