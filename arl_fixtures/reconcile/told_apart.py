@@ -29,6 +29,14 @@ def is_undecided(named: Term, other: Term, deficit: float, gain: float, *, sampl
     return deficit - extra < max(TWIN_GAIN, share_undecided(named.effect, other.effect, sampled=sampled) * gain)
 
 
+def reason_of(deficit: float, gain: float, *, alike: bool) -> str:
+    """What another effect in a finding's place loses, and why that may not decide."""
+    text = f"loses {deficit:.1f} of {gain:.1f} in log-likelihood"
+    if not alike or deficit < TWIN_GAIN:
+        return text
+    return f"{text}, {100.0 * deficit / gain:.0f} %: a real effect may miss its own law by as much"
+
+
 def share_undecided(named: Effect, other: Effect, *, sampled: bool) -> float:
     """Share of a finding's gain that another effect may lose without being told apart."""
     if sampled and all(e.displaces or e.mixes for e in (named, other)):

@@ -12,7 +12,7 @@ from arl_fixtures.reconcile.effect import Parameter, Variant
 from arl_fixtures.reconcile.rivals import has_other_place, mends_the_same
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.terms import Term
-from arl_fixtures.reconcile.told_apart import is_undecided, share_undecided
+from arl_fixtures.reconcile.told_apart import is_undecided, reason_of, share_undecided
 
 
 def acting(effect, *drivers):
@@ -65,6 +65,13 @@ def test_of_alike_effects_the_simpler_one_does_not_rule_out_the_other(other, par
 
     named = term("beam.profile_change", 1)
     assert is_undecided(named, term(other, parameters), 10.0, 50.0, sampled=True) == undecided
+
+
+def test_a_large_loss_that_does_not_decide_says_why():
+    """Six thousand units of log-likelihood look like a decision to whoever reads the page."""
+    assert reason_of(6024.0, 200563.0, alike=True).endswith("3 %: a real effect may miss its own law by as much")
+    assert reason_of(6024.0, 20056.0, alike=False) == "loses 6024.0 of 20056.0 in log-likelihood"
+    assert "%" not in reason_of(1.2, 30.0, alike=True)
 
 
 def test_only_what_mixes_or_moves_neighbours_may_leave_a_rest_at_edges():
