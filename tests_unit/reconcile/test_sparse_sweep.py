@@ -6,7 +6,6 @@ the scene from another place at each: what they differ by is no slope of the sce
 
 import numpy as np
 import pyarrow.parquet as pq
-import pytest
 from upright_boards import COLUMNS, F_PX, ROWS, seen
 
 from arl_fixtures.reconcile.command import predict, reconcile
@@ -58,9 +57,8 @@ def warmed(temperatures_c, seed):
     return columns, {"intensity_counts": now, "distance_m": at}
 
 
-@pytest.mark.parametrize("seed", [1, 3])
-def test_a_lens_that_grows_is_named_and_foretells_other_temperatures(tmp_path, save, seed):
-    columns, _ = warmed([-20.0, -6.0, 8.0, 23.0, 37.0, 66.0], seed)
+def test_a_lens_that_grows_is_named_and_foretells_other_temperatures(tmp_path, save):
+    columns, _ = warmed([-20.0, -6.0, 8.0, 23.0, 37.0, 66.0], 1)
     findings = reconcile(save(tmp_path / "train.parquet", columns), tmp_path / "out").findings
     assert findings[0].effect == "optics.focal_drift"
     table, true = warmed([51.0, 80.0], 2)
