@@ -32,6 +32,7 @@ LIKELY = 3.0
 MOST_OFF = 9.0
 """Squared standard errors at which an image counts at most: what is off at one edge of two images is no stage."""
 HARMONICS = (1.0, 2.0)
+"""Half waves over the sweep that a displacement may follow: an axis beside the centre, the turn of an encoder."""
 
 
 def add_pose(data: ChannelData, view: View, frame: IntArray | None) -> None:
@@ -79,7 +80,7 @@ def pose_level(data: ChannelData, slope: FloatArray, image: IntArray, angle_deg:
 def scatters(data: ChannelData, level: Level, residual: FloatArray) -> bool:
     """Whether images stand apart from one another by more than their rows' noise."""
     weight = data.root_weight**2
-    count = np.bincount(level.code, weight * data.scale**2)
+    count = np.maximum(np.bincount(level.code, weight * data.scale**2), 1e-300)
     beside = residual - data.scale * (np.bincount(level.code, weight * data.scale * residual) / count)[level.code]
     power: FloatArray = np.bincount(level.code, weight * level.scale**2).astype(np.float64)
     score: FloatArray = np.bincount(level.code, weight * level.scale * beside).astype(np.float64)
