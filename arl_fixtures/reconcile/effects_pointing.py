@@ -8,7 +8,15 @@ import numpy as np
 
 from arl_fixtures.reconcile.effect import State, Variant
 from arl_fixtures.reconcile.effects_bench import is_sharp
-from arl_fixtures.reconcile.effects_common import FloatArray, distances, light_channels, per_view, set_light, signals
+from arl_fixtures.reconcile.effects_common import (
+    FloatArray,
+    distances,
+    light_channels,
+    per_table,
+    per_view,
+    set_light,
+    signals,
+)
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illumination, log_profile
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.effects_render import as_simulated, rendered
@@ -91,7 +99,7 @@ def _turned(
     """
     if not np.any(turn) or not view.varies("pixel_u") or not view.varies("azimuth_deg"):
         return _look(found, line, bearing + turn)
-    near = per_view(view, "near", lambda: _near(found, view)[view.rows])
+    near = per_view(view, "near", lambda: per_table(view, "near", lambda: _near(found, view))[view.rows])
     part = np.clip(turn / np.maximum(near, 1e-9), -1.0, 1.0)
 
     def about() -> list[dict[str, FloatArray]]:

@@ -277,20 +277,26 @@ def pixel_width(view: View) -> FloatArray:
 
 def gap_of(line: IntArray, bearing: FloatArray) -> float:
     """Bearing between samples of one curve that nine in ten gaps stay below, degrees."""
-    order = np.lexsort((bearing, line))
-    gaps = np.diff(bearing[order])[np.diff(line[order]) == 0]
-    gaps = gaps[gaps > 1e-6]
+    _, gaps = _gaps(line, bearing)
     return float(np.quantile(gaps, 0.9)) if gaps.size else np.inf
 
 
 def gaps_of(line: IntArray, bearing: FloatArray) -> FloatArray:
     """Bearing between the samples of each curve, degrees: the median of its gaps, 0 where it has none."""
-    gaps = np.zeros(int(line.max()) + 1)
-    for index in range(gaps.size):
-        apart = np.diff(np.unique(bearing[line == index]))
-        apart = apart[apart > 1e-6]
-        gaps[index] = float(np.median(apart)) if apart.size else 0.0
-    return gaps
+    of, gaps = _gaps(line, bearing)
+    ranked = np.append(gaps[np.lexsort((gaps, of))], 0.0)
+    size = np.bincount(of, minlength=int(line.max()) + 1)
+    first = np.cumsum(size) - size
+    middle = 0.5 * (ranked[first + np.maximum(size - 1, 0) // 2] + ranked[first + size // 2])
+    return np.asarray(np.where(size > 0, middle, 0.0))
+
+
+def _gaps(line: IntArray, bearing: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Bearings between neighbouring samples of one curve, degrees, and the curves that they are of."""
+    order = np.lexsort((bearing, line))
+    gaps = np.diff(bearing[order])
+    there = (np.diff(line[order]) == 0) & (gaps > 1e-6)
+    return line[order][1:][there], gaps[there]
 
 
 def _stacked(height: FloatArray, across: FloatArray, device: IntArray) -> tuple[IntArray, IntArray, float]:

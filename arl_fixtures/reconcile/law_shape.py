@@ -69,7 +69,7 @@ def _periods(basis: Basis) -> list[tuple[str, float]]:
 
 def _swings(axis: Axis) -> bool:
     if axis.kind == "table":
-        return axis == folded(axis.column, 1.0 / axis.at) if axis.at > 0.0 else False
+        return axis.at > 0.0 and axis == folded(axis.column, 1.0 / axis.at)
     parts = 360.0 / axis.at if axis.at else 0.0
     return axis.kind in {"sin", "cos"} and not (axis.column.endswith("_deg") and abs(parts - round(parts)) < 1e-9)
 

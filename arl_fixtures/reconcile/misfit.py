@@ -14,6 +14,7 @@ from arl_fixtures.reconcile.effects_render import rendered
 from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.own_driver import driven_by, has_own_driver, mends_shape
 from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.region import rows_of_most
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.terms import Term, forward
 
@@ -174,23 +175,27 @@ def _largest(after: State, before: State, d: ChannelData) -> float:
     return float(np.quantile(change / np.maximum(np.abs(before[name][d.use]), _SMALLEST), 0.95))
 
 
+def _moved_by(problem: Problem, base: Fit, index: int) -> FloatArray:
+    """Squares by which one of the terms moves each row of all channels, in units of the rows' errors."""
+    rest = forward([t for k, t in enumerate(base.terms) if k != index], problem.view)
+    return np.concatenate([
+        (d.root_weight * (base.state[d.channel.name] - rest[d.channel.name])[d.use]) ** 2 for d in problem.data
+    ])  # fmt: skip
+
+
 def _stands_apart(problem: Problem, base: Fit, ranked: Ranked, index: int) -> bool:
     """Whether a further effect gains as much where an earlier one hardly acts: what mends its shape does not.
 
     Of what lies within a pixel a table knows little: where that is mixed, there is no row in which little is mixed.
     """
-    view, terms = problem.view, ranked.fit.terms
-    rest = forward([t for k, t in enumerate(base.terms) if k != index], view)
-    size = np.concatenate([
-        d.root_weight * np.abs(base.state[d.channel.name] - rest[d.channel.name])[d.use] for d in problem.data
-    ])  # fmt: skip
-    power = problem.whiten_change(forward(terms[:-1], view), ranked.fit.state) ** 2
+    moved = _moved_by(problem, base, index)
+    power = problem.whiten_change(forward(ranked.fit.terms[:-1], problem.view), ranked.fit.state) ** 2
     gain = 0.5 * (problem.whiten_state(base.state) ** 2 - problem.whiten_state(ranked.fit.state) ** 2)
     seen = power > 1e-9
     if not seen.any():
         return False
-    least = STILL**2 if base.terms[index].effect.mixes else QUIET * float(np.mean(size[seen] ** 2))
-    quiet = seen & (size**2 < least)
+    least = STILL**2 if base.terms[index].effect.mixes else QUIET * float(np.mean(moved[seen]))
+    quiet = seen & (moved < least)
     share = float(power[quiet].sum() / power.sum())
     return share > QUIET and float(gain[quiet].sum()) > max(QUIET_GAIN, 0.5 * share * float(gain[seen].sum()))
 
@@ -201,18 +206,14 @@ def _lives_at_edges(problem: Problem, base: Fit, ranked: Ranked, index: int, gai
     A scene that is known from the table's own samples only is known worst where it jumps: a periodic error whose
     period fits the ranges of the surfaces is nil on all of them, and free on the mixtures between.
     """
-    term, new, view = base.terms[index], ranked.fit.terms[-1], problem.view
+    term, new = base.terms[index], ranked.fit.terms[-1]
     moves = term.effect.displaces or term.effect.mixes
-    if not moves or new.effect.displaces or new.effect.mixes or rendered(view) is not None:
+    if not moves or new.effect.displaces or new.effect.mixes or rendered(problem.view) is not None:
         return False
     if ranked.gain > EDGE_PART * gain:
         return False
-    rest = forward([t for k, t in enumerate(base.terms) if k != index], view)
-    moved = np.concatenate([
-        (d.root_weight * (base.state[d.channel.name] - rest[d.channel.name])[d.use]) ** 2 for d in problem.data
-    ])  # fmt: skip
-    order = np.argsort(-moved)
-    acted = order[: int(np.searchsorted(np.cumsum(moved[order]), MOST_OF * float(moved.sum()))) + 1]
+    moved = _moved_by(problem, base, index)
+    acted = rows_of_most(moved, MOST_OF)
     if len(acted) > FEW_ROWS * len(moved):
         return False
     told = problem.whiten_state(base.state) ** 2 - problem.whiten_state(ranked.fit.state) ** 2

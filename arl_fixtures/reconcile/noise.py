@@ -124,8 +124,10 @@ CROSSED = ("pixel", "angle")
 """Levels whose groups each hold rows of many steps."""
 POSE = "pose"
 """Level of how each image stands: its groups are those of `frame`, its shape is of both signs within each."""
-PARTS_OF_STEPS = (POSE, "frame", "stretch", "spell")
-"""Levels whose groups lie within steps: images, or few and many rows that follow one another in time."""
+IN_STEPS = ("frame", "stretch", "spell")
+"""Groups that lie within steps: images, or few and many rows that follow one another in time."""
+PARTS_OF_STEPS = (POSE, *IN_STEPS)
+"""Levels of such groups."""
 NESTED = (*PARTS_OF_STEPS, "step")
 """Levels of which the groups of the one lie within those of the next."""
 

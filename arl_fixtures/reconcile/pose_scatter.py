@@ -17,7 +17,7 @@ from arl_fixtures.reconcile.effects_bench import is_sharp
 from arl_fixtures.reconcile.effects_common import distances, per_view, signals
 from arl_fixtures.reconcile.effects_pointing import turn_stage
 from arl_fixtures.reconcile.effects_scene import scene
-from arl_fixtures.reconcile.noise import NESTED, POSE, Level
+from arl_fixtures.reconcile.noise import NESTED, POSE, Level, less_shared
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
 
@@ -66,9 +66,7 @@ def pose_level(data: ChannelData, slope: FloatArray, image: IntArray, angle_deg:
     present, code = np.unique(image, return_inverse=True)
     weight = data.root_weight**2
     slope = np.where(_shows_edge(slope * data.root_weight, code), slope, 0.0)
-    shared = np.bincount(code, weight * data.scale**2)
-    part = np.bincount(code, weight * data.scale * slope) / np.maximum(shared, 1e-300)
-    slope = slope - data.scale * part[code]  # beside what an image shares as a gain
+    slope = less_shared(slope, data.scale, weight, code.astype(np.int64))  # beside what an image shares as a gain
     seen = np.bincount(code, (data.root_weight * slope) ** 2) > 0.0
     first = np.unique(code, return_index=True)[1]  # an image is of one unit at one angle
     smooth = _smooth(angle_deg[first], data.unit[first])
@@ -80,8 +78,7 @@ def pose_level(data: ChannelData, slope: FloatArray, image: IntArray, angle_deg:
 def scatters(data: ChannelData, level: Level, residual: FloatArray) -> bool:
     """Whether images stand apart from one another by more than their rows' noise."""
     weight = data.root_weight**2
-    count = np.maximum(np.bincount(level.code, weight * data.scale**2), 1e-300)
-    beside = residual - data.scale * (np.bincount(level.code, weight * data.scale * residual) / count)[level.code]
+    beside = less_shared(residual, data.scale, weight, level.code)
     power: FloatArray = np.bincount(level.code, weight * level.scale**2).astype(np.float64)
     score: FloatArray = np.bincount(level.code, weight * level.scale * beside).astype(np.float64)
     pull, seen = level.beyond_smooth(score, power), power > 0.0

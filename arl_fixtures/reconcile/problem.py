@@ -12,7 +12,7 @@ from arl_fixtures.reconcile.columns import Channel, Columns, FloatArray, IntArra
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.estimated_noise import estimated_error, noise_quantities
 from arl_fixtures.reconcile.grouping import Groups, find_groups, folds_of
-from arl_fixtures.reconcile.noise import CROSSED, PARTS_OF_STEPS, Level, level_of, scale_of, unnoticed
+from arl_fixtures.reconcile.noise import CROSSED, IN_STEPS, Level, level_of, scale_of, unnoticed
 from arl_fixtures.reconcile.pose_scatter import add_pose
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.stated import shortfall, stated_error
@@ -58,8 +58,8 @@ class Problem:
         scale = scale_of(sim) if relative else np.ones(len(use))
         rows = view.rows[use]
         levels: list[Level] = []
-        for name in (*CROSSED, *PARTS_OF_STEPS):
-            code: IntArray | None = getattr(groups, name, None)
+        for name in (*CROSSED, *IN_STEPS):
+            code: IntArray | None = getattr(groups, name)
             if code is not None:
                 made = level_of(name, code[rows], scale)
                 if made is not None:

@@ -7,12 +7,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.roles import FIELD_COLUMNS, MADE_OF, Role, played, role_of
 from arl_fixtures.reconcile.view import View
 
 HOLDS = 0.95
 NARROWER_THAN = 0.6
+
+
+def rows_of_most(power: FloatArray, share: float) -> IntArray:
+    """Fewest rows that hold a share of the power, the strongest first."""
+    order = np.argsort(-power)
+    return order[: int(np.searchsorted(np.cumsum(power[order]), share * float(power.sum()))) + 1]
 
 
 def energy_region(values: FloatArray, power: FloatArray) -> list[float] | None:

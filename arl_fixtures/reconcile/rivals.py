@@ -15,6 +15,7 @@ from arl_fixtures.reconcile.misfit import MISFIT_SHARE
 from arl_fixtures.reconcile.patterns import Pattern
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.region import rows_of_most
 from arl_fixtures.reconcile.roles import BEARING_SIGNS, FIELD_COLUMNS, PIXEL_COLUMNS, Role, told_by
 from arl_fixtures.reconcile.terms import Term, forward
 from arl_fixtures.reconcile.whitener import Whitener
@@ -98,8 +99,7 @@ def lies_where_names_act(problem: Problem, d: ChannelData, acting: Sequence[Term
     power = (d.root_weight * d.expect * (state[name] - before[name])[d.use]) ** 2
     square = (d.root_weight * d.residual(state)) ** 2
     excess = square - float(np.median(square)) / _MEDIAN_OF_SQUARE
-    order = np.argsort(-power)
-    acted = order[: int(np.searchsorted(np.cumsum(power[order]), ACTS_ON * float(power.sum()))) + 1]
+    acted = rows_of_most(power, ACTS_ON)
     few = len(acted) < ACTS_AT_MOST * len(power)
     return few and float(excess[acted].sum()) > LEFT_THERE * max(float(excess.sum()), 0.0)
 

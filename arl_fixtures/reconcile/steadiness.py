@@ -140,8 +140,10 @@ def _moves(
     """Whether a term's factor moves with a column; change and left are whitened, by channel."""
     power = np.concatenate([c * c for c in change])
     score = np.concatenate([c * x for c, x in zip(change, left, strict=True)])
-    taken = looker.problem.groups.frame
-    image = None if taken is None else np.concatenate([taken[looker.problem.view.rows][d.use] for d in acting])
+    image: IntArray | None = looker.problem.groups.frame
+    if image is not None:
+        taken = np.concatenate([image[looker.problem.view.rows[d.use]] for d in acting])
+        image = np.unique(taken, return_inverse=True)[1].astype(np.int64)
     most = UNSTEADY_EXACT if term.effect.exact else UNSTEADY_WEATHER if term.effect.weather else UNSTEADY
     for name, values in looker.features.items():
         if place is not None and _told_by(place, values) > OF_PLACES:
@@ -191,7 +193,7 @@ def factor_scatter(
 
     Args:
         values: of the column; power: the whitened change squared; score: times what is left.
-        image: of each row, None where the table has none.
+        image: of each row, 0…k−1; None where the table has none.
     """
     code = _bins(values)
     total, pull = (np.asarray(np.bincount(code, x), dtype=np.float64) for x in (power, score))
@@ -211,12 +213,11 @@ def _noise_of_images(rest: FloatArray, power: FloatArray, code: IntArray, image:
     """Variance per power of what images leave as wholes within bins, 0 where bins hold hardly more than one each."""
     if image is None:
         return 0.0
-    cell = np.unique(image)
-    acting = np.bincount(image, power)[cell] > 0.0
-    free = int(acting.sum()) - np.unique(code[power > 0.0]).size
+    acting = np.count_nonzero(np.bincount(image, power))
+    free = acting - np.unique(code[power > 0.0]).size
     if free < FEWEST_IMAGES:
         return 0.0
-    return float(np.sum(np.bincount(image, rest)[cell] ** 2) / power.sum()) * int(acting.sum()) / free
+    return float(np.sum(np.bincount(image, rest) ** 2) / power.sum()) * acting / free
 
 
 def _bins(values: FloatArray) -> IntArray:

@@ -97,7 +97,7 @@ def test_images_that_are_off_as_wholes_are_the_noise_of_a_factor():
     alone, together, moving = [], [], []
     for _ in range(30):
         left = rng.normal(size=image.size) + 0.8 * rng.normal(size=96)[image] * change
-        place = np.floor(96.0 * rng.permutation(96) / 96.0)[image]  # of a column with a value for each image
+        place = rng.permutation(np.arange(96.0))[image]  # of a column with a value for each image
         alone.append(factor_scatter(place, change**2, change * left)[1])
         together.append(factor_scatter(place, change**2, change * left, image)[1])
         left = left + change * np.sin(place / 15.0)
