@@ -69,6 +69,7 @@ def main() -> None:
     parser.add_argument("--set", choices=sorted(SEEDS), default="proof")
     parser.add_argument("--seed", type=int, help="another draw of cases than the set's")
     parser.add_argument("--scale", type=int, default=1, help="times the stated sample")
+    parser.add_argument("--cases", type=int, help="the first of the sample, which stands in an order of chance")
     parser.add_argument("--out", type=Path, default=Path("build/proof"))
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--docs", type=Path, help="write the tables as Markdown to this file")
@@ -79,7 +80,7 @@ def main() -> None:
     if not given.rescore:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
-        batch = stated(np.random.default_rng(seed), given.scale)
+        batch = stated(np.random.default_rng(seed), given.scale)[: given.cases]
         seal = write_batch(folder, seed, batch, quiet=True, workers=given.workers)
         print("sealed, sha256 of truth.json:", seal, flush=True)
     scores = run(folder, given.workers, rescore=given.rescore)

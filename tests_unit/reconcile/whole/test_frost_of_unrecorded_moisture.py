@@ -3,7 +3,7 @@
 import numpy as np
 
 from arl_fixtures.reconcile.reconcile import diagnose
-from tests_unit.reconcile.test_seldom_names import columns_of, grid
+from tests_unit.reconcile.whole.test_seldom_names import columns_of, grid
 
 
 def pressure_hpa(temperature_c):

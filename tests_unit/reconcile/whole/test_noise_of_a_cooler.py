@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from arl_fixtures.reconcile.reconcile import diagnose
-from tests_unit.reconcile.test_seldom_names import columns_of, grid
+from tests_unit.reconcile.whole.test_seldom_names import columns_of, grid
 
 
 def images(counts_per_a, seed):

@@ -3,8 +3,8 @@
 import numpy as np
 
 from arl_fixtures.reconcile.reconcile import diagnose
-from tests_unit.reconcile.test_frost_of_unrecorded_moisture import pressure_hpa
-from tests_unit.reconcile.test_seldom_names import columns_of, grid
+from tests_unit.reconcile.whole.test_frost_of_unrecorded_moisture import pressure_hpa
+from tests_unit.reconcile.whole.test_seldom_names import columns_of, grid
 
 
 def covered(mass, crystals=400, seed=8):

@@ -5,8 +5,8 @@ import numpy as np
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.view import View
-from tests_unit.reconcile.test_frost_of_unrecorded_moisture import iced
-from tests_unit.reconcile.test_seldom_names import columns_of, grid
+from tests_unit.reconcile.whole.test_frost_of_unrecorded_moisture import iced
+from tests_unit.reconcile.whole.test_seldom_names import columns_of, grid
 
 AIRY = 1.08
 """Index of frost of a fifth of ice's density."""

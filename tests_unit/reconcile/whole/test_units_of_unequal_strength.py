@@ -6,7 +6,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from arl_fixtures.reconcile.command import predict, reconcile
-from tests_unit.reconcile.test_seldom_names import grid
+from tests_unit.reconcile.whole.test_seldom_names import grid
 
 LIGHT = "intensity_counts"
 UNITS = {"HFL-1": 1.0, "HFL-2": 0.5}

@@ -11,7 +11,7 @@ from arl_fixtures.reconcile.effects_camera import Camera
 from arl_fixtures.reconcile.effects_rays import Optics, Pose, Spots, look
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.twin.scene import SceneSettings
-from tests_unit.reconcile.test_seldom_names import columns_of
+from tests_unit.reconcile.whole.test_seldom_names import columns_of
 
 CAMERA = Camera(fx=58.1, fy=66.0, cx=63.5, cy=15.5, k4=0.198)
 NORMAL = ndtri((np.arange(11) + 0.5) / 11)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from arl_fixtures.reconcile.reconcile import diagnose
-from tests_unit.reconcile.test_seldom_names import columns_of, grid
+from tests_unit.reconcile.whole.test_seldom_names import columns_of, grid
 
 WALLS = ((0.0, 2.4), (70.0, 1.7), (150.0, 2.9), (215.0, 1.9), (290.0, 3.3))
 """Bearing of each wall's normal, degrees, and its distance from the turntable's axis, metres."""
