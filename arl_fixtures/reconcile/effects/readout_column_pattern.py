@@ -34,9 +34,10 @@ class ColumnPattern(Effect):
 
     A wave is taken less its mean over the columns that the table holds: on a few columns strewn over the image a wave
     may be (nearly) the same on all of them, and that is no pattern but the level.
-    Period 2 is odd against even (one part only). Of four, six, eight or sixteen interleaved converters each has an
-    offset (or gain, or both) of its own against the first: X += tap_k, or X *= 1 + tap_k (beside offsets gain_k), at
-    pixels k modulo their number; their mean is nil.
+    Blocks of columns that are alike, every other one as much above as the next is below: w is nearly the sign of that
+    wave, either added or multiplied. Period 2 is odd against even (one part only). Of four, six, eight or sixteen
+    interleaved converters each has an offset (or gain, or both) of its own against the first: X += tap_k, or
+    X *= 1 + tap_k (beside offsets gain_k), at pixels k modulo their number; their mean is nil.
     Where the table holds pixels of some of them only, the mean of these need not be, as far as their spread allows.
     """
 
@@ -58,6 +59,8 @@ class ColumnPattern(Effect):
                         yield self._variant(view, channel, axis, "parity", column)
                 if span(view, axis) >= 7.0:
                     yield self._variant(view, channel, axis, "periodic", "")
+                    if channel in signals(view) and span(view, axis) >= 2.0 * _SHORTEST_BLOCKS:
+                        yield self._variant(view, channel, axis, "blocks", "")
                     for count in (n for n in _CONVERTERS if span(view, axis) >= 2 * n - 1):
                         if len(_converters_seen(view, axis, count)) < 2:
                             continue
@@ -78,16 +81,17 @@ class ColumnPattern(Effect):
             parameters += tuple(
                 amplitude(f"gain_{part}", each, -0.9 / scale, 0.9 / scale, 0.01 / scale) for part in parts
             )
-        if kind == "periodic":
-            longest = min(span(view, axis), 64.0)
-            reach = span(view, axis)
-            whole = tuple(period for period in (3.0, 4.0, 5.0, 6.0, 8.0, 16.0) if period < longest)
+        if kind in _FREE_PERIOD:
+            longest, reach = min(span(view, axis), 64.0), span(view, axis)
+            shortest = _SHORTEST if kind == "periodic" else _SHORTEST_BLOCKS
+            known = (3.0, 4.0, 5.0, 6.0, 8.0, 16.0) if kind == "periodic" else ()
+            whole = tuple(period for period in known if period < longest)
             starts = tuple(
                 start
-                for start in period_starts(_SHORTEST, longest, reach, most=_MOST_STARTS)
+                for start in period_starts(shortest, longest, reach, most=_MOST_STARTS)
                 if all(abs(1.0 / start - 1.0 / period) * reach > _SAME_START for period in whole)
             )
-            parameters += (shape("period", "px", _SHORTEST, longest, *whole, *starts),)
+            parameters += (shape("period", "px", shortest, longest, *whole, *starts),)
         return Variant(
             effect=self.id,
             options={
@@ -143,20 +147,14 @@ class ColumnPattern(Effect):
                     state[channel] = state[channel] + own
             return
         held = np.array(json.loads(str(variant.options["over"])))
-        if variant.options["kind"] == "periodic" and _looks_level(float(values["period"]), held):
+        if variant.options["kind"] in _FREE_PERIOD and _looks_level(float(values["period"]), held):
             return
-        waves = {
-            part: wave - float(np.mean(level))
-            for (part, wave), level in zip(
-                _waves(variant, values, place).items(), _waves(variant, values, held).values(), strict=True
-            )
-        }
         grown = excess(view, variant, column) if column else 1.0
-        added = np.asarray(sum(float(values[part]) * wave for part, wave in waves.items()))[at] * grown
         if "gain_cosine" in values:
-            gain = np.asarray(sum(float(values[f"gain_{part}"]) * wave for part, wave in waves.items()))[at] * grown
-            gain = np.maximum(1.0 + gain, 0.02)
-            set_response(state, channel, state[channel] * gain, np.asarray(gain))
+            gain = _pattern(variant, values, "gain_", place, held)[at] * grown
+            gain = np.asarray(np.maximum(1.0 + gain, 0.02))
+            set_response(state, channel, state[channel] * gain, gain)
+        added = _pattern(variant, values, "", place, held)[at] * grown
         state[channel] = state[channel] + added
 
     def expression(self, variant: Variant) -> str:
@@ -177,9 +175,15 @@ class ColumnPattern(Effect):
         if variant.options["kind"] == "parity":
             waves = {"cosine": f"(-1)^{axis}"}
         added = " + ".join(f"{part} * {wave}" for part, wave in waves.items())
+        gain = " + ".join(f"gain_{part} * {wave}" for part, wave in waves.items())
+        if variant.options["kind"] == "blocks":
+            sizes = ("hypot(cosine, sine)", "hypot(gain_cosine, gain_sine)")
+            added, gain = (
+                f"{size} * tanh({_STEEP:g} * ({wave}) / {size})"
+                for size, wave in zip(sizes, (added, gain), strict=True)
+            )
         if "gain_cosine" not in names:
             return f"{channel} += ({added}){grown}"
-        gain = " + ".join(f"gain_{part} * {wave}" for part, wave in waves.items())
         return f"{channel} = {channel} * (1 + ({gain}){grown}) + ({added}){grown}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
@@ -205,6 +209,8 @@ class ColumnPattern(Effect):
         if variant.options["kind"] == "parity":
             return f"Odd and even {along} differ: {channel} by {what}{when}."
         period = f"{values['period']:.2f} pixels"
+        if variant.options["kind"] == "blocks":
+            return f"{along.capitalize()} differ in blocks, every other one: {channel} by {what}, every {period}."
         return f"{channel} carries a pattern of {what} along the {along} with a period of {period}."
 
     def next_experiment(self, variant: Variant) -> str:
@@ -212,12 +218,30 @@ class ColumnPattern(Effect):
         return "Record dark frames and frames at another frame rate: a pattern from interference changes its period."
 
 
-_SHORTEST, _MOST_STARTS = 2.1, 80
+_FREE_PERIOD = ("periodic", "blocks")
+_STEEP = 4.0
+"""How steep the borders of blocks are: to nine tenths within 0.06 of a period, or the fit would not find them."""
+_SHORTEST, _SHORTEST_BLOCKS, _MOST_STARTS = 2.1, 5.0, 80
 _SAME_START = 0.1  # cycles over the image: two starts closer than this are one
 _MOST_HELD = 256
 _OFF_GRID = 0.01
 _FEWEST_SWINGS = 1.5
 """Swings over the image by which a pattern is one, and no smooth profile."""
+
+
+def _pattern(variant: Variant, values: Values, kind: str, place: FloatArray, held: FloatArray) -> FloatArray:
+    """What a pattern adds (or multiplies by, less one) at columns (or rows), less its mean over those held."""
+    parts = {part: float(values[f"{kind}{part}"]) for part in ("cosine", "sine") if f"{kind}{part}" in values}
+    size = float(np.hypot(parts["cosine"], parts.get("sine", 0.0)))
+
+    def at(where: FloatArray) -> FloatArray:
+        waves = _waves(variant, values, where)
+        wave = np.asarray(sum(amount * waves[part] for part, amount in parts.items()))
+        if variant.options["kind"] != "blocks" or size == 0.0:
+            return wave
+        return np.asarray(size * np.tanh(_STEEP * wave / size))
+
+    return at(place) - float(np.mean(at(held)))
 
 
 def _waves(variant: Variant, values: Values, place: FloatArray) -> dict[str, FloatArray]:

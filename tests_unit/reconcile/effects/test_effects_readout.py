@@ -46,7 +46,7 @@ def test_every_second_column_sees_half_of_the_converters_and_no_parity():
     light = np.repeat(np.linspace(200.0, 2000.0, 20), 32)
     view = table(pixel_u=column, sim_signal_counts=light, signal_counts=light + own)
     variants = list(library()["readout.column_pattern"].variants(view))
-    assert {v.options["kind"] for v in variants} == {"periodic", "taps", "gains", "both"}
+    assert {v.options["kind"] for v in variants} == {"periodic", "blocks", "taps", "gains", "both"}
     (eight,) = (v for v in variants if v.options["kind"] == "taps" and v.options["converters"] == 8)
     values = fit(view, eight, "signal_counts", {p.name: 1.0 for p in eight.parameters})
     assert values == pytest.approx({"tap_0": 3.0, "tap_2": -4.0, "tap_4": -1.0, "tap_6": 2.0}, rel=1e-3)
