@@ -5,7 +5,7 @@ Which terms it has is chosen in `law_choice`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,31 +15,23 @@ from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.grouping import WITHIN_IMAGES
-from arl_fixtures.reconcile.law import Axis, Law, LawTerm, axes_of
-from arl_fixtures.reconcile.law_basis import PRICE_MARK, PRICE_ONE, PRICE_ZERO, Basis, price_of
-from arl_fixtures.reconcile.law_candidates import Candidates
-from arl_fixtures.reconcile.law_choice import FURTHER_GAIN, LEAST_GAIN, find_terms
-from arl_fixtures.reconcile.law_fit import Chosen, confirm, joint, weighed
+from arl_fixtures.reconcile.law import Law, LawTerm
+from arl_fixtures.reconcile.law_basis import PRICE_ONE, Basis, price_of
+from arl_fixtures.reconcile.law_choice import find_terms
+from arl_fixtures.reconcile.law_fit import Chosen, confirm
 from arl_fixtures.reconcile.law_harm import harmless
 from arl_fixtures.reconcile.law_pool import (
-    UNSHIFTED,
-    distinct,
-    is_mark,
-    marks_of,
     pool_of,
-    recurs,
 )
+from arl_fixtures.reconcile.law_refined import PRICE_FACTOR, completed, factors_of, from_nil, narrowed
 from arl_fixtures.reconcile.law_shape import sharpened
 from arl_fixtures.reconcile.law_steps import of_few_steps, without_chance
 from arl_fixtures.reconcile.law_work import ALL_ROWS, MOST_ROWS, Work
 from arl_fixtures.reconcile.pilot import Looker, Structure
-from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.roles import Role, told_by
 from arl_fixtures.reconcile.stated import surprise_shared
 
 MOST_PASSES = 3
-MOST_FACTORED, MOST_OFFERS = 4, 6
-PRICE_FACTOR = 4.0
-"""Further price of a term that one more column multiplies."""
 STEP_SHARES = (0.3, 0.1)
 """Shares of the steps' scatter from which the search starts anew."""
 LESS = 0.7
@@ -47,8 +39,6 @@ LESS = 0.7
 START_GAIN = 3.0
 """Log-likelihood by which a further start must do better."""
 
-AS_WELL = 1.5
-"""Log-likelihood on unseen blocks by which a law fits as well as another one whose zero says less."""
 LAW_GAIN = 8.0
 """Log-likelihood that a law must gain on unseen blocks where nothing else tells of a mismatch."""
 LEAST_ROWS = 2.5
@@ -99,12 +89,7 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
         for trial, found in _from_start(looker, data, state, leading, tau):
             if not found.terms:
                 continue
-            corrected = state[data.channel.name] + trial.correction(looker.features, state[data.channel.name])
-            after, _ = data.fit_scatter(data.measured - data.expect * corrected[data.use])
-            gain = after - before
-            if found.shared:
-                gain = of_few_steps(gain, sum(len(v) for v in found.values), data.level("step"))
-            found.plain, found.likelier = gain - found.cost(), (gain / found.scatter - found.cost()) / shared
+            _measure(trial, found, data, state, looker, before, shared)
             stands, stood = is_law(found), is_law(chosen)  # what only fits gives way to what foretells
             least = chosen.likelier + START_GAIN if chosen.terms and stands == stood else 0.0
             if found.likelier > least and stands >= stood:
@@ -112,6 +97,47 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
             if stands:
                 break  # what it says needs not be said more simply
     return law, chosen
+
+
+def _measure(
+    law: Law, found: Chosen, data: ChannelData, state: State, looker: Looker, before: float, shared: float
+) -> None:
+    """Say what a law gains over a likelihood before it, with all scatters at their best."""
+    corrected = state[data.channel.name] + law.correction(looker.features, state[data.channel.name])
+    after, _ = data.fit_scatter(data.measured - data.expect * corrected[data.use])
+    gain = after - before
+    if found.shared:
+        gain = of_few_steps(gain, sum(len(v) for v in found.values), data.level("step"))
+    found.plain, found.likelier = gain - found.cost(), (gain / found.scatter - found.cost()) / shared
+
+
+def gain_of_others(looker: Looker, data: ChannelData, state: State, law: Chosen, own: Container[str]) -> float | None:
+    """What those terms of a law gain, less their price, that say nothing of what drives a name, fitted beside it.
+
+    Args:
+        looker: of the problem; data: the channel; state: corrected by the name.
+        law: found in the name's place; own: what drives the name (`told_by`).
+
+    Returns:
+        None where all terms say of the name's drivers, or none.
+    """
+    others = [t.basis for t in law.terms if not any(told_by(c) in own for c in _told_columns(t.basis, data))]
+    if not others or len(others) == len(law.terms):
+        return None
+    before, best = data.fit_scatter(data.residual(state))[0], 0.0
+    for tau in _starts(data):
+        work = Work(data, state, looker.features, tau, ALL_ROWS)
+        trial, found = _settled(work, data, state, looker, others)
+        if found.terms:
+            _measure(trial, found, data, state, looker, before, 1.0)
+            best = max(best, found.plain)
+    return best
+
+
+def _told_columns(basis: Basis, data: ChannelData) -> list[str]:
+    """Columns of a basis, but for the channel's own signal where it only turns a share into an amount."""
+    axes = [axis for product in (basis.axes, *basis.waves) for axis in product]
+    return [a.column for a in axes if a.column and (a.kind != "inverse" or a.column != f"sim_{data.channel.name}")]
 
 
 def _starts(data: ChannelData, *, within_images: bool = False) -> list[dict[str, float]]:
@@ -144,7 +170,7 @@ def _from_start(
             whole = Work(data, state, looker.features, tau, ALL_ROWS)
         known = [n for n in leading if n in work.features]  # a column may be empty where this channel has rows
         found = find_terms(work, pool_of(work, looker, known), whole)
-        found = from_nil(whole, narrowed(whole, found, _factors(work, looker, known)))
+        found = from_nil(whole, narrowed(whole, found, factors_of(work, looker, known)))
         found = completed(whole, sharpened(whole, found))
         if found.held < 1.05 * chosen.held or not found.terms:
             break
@@ -182,85 +208,6 @@ def _settled(
         if len({axis.column for axis in term.axes}) > 1:
             term.reach = REACH * float(np.max(np.abs(term.product(work.features, len(work.pick)))))
     return law, final
-
-
-def narrowed(work: Work, chosen: Chosen, factors: Sequence[Axis]) -> Chosen:
-    """Each term only in one category (one device, one surface), or times a function of one more column.
-
-    A factor stays where unseen blocks gain by it; the best few by evidence are tried.
-    """
-    for place in range(len(chosen.terms)):
-        best, basis = chosen, chosen.terms[place].basis
-        left = joint(work, [t for k, t in enumerate(chosen.terms) if k != place]).left
-        bases: list[Basis] = []
-        for factor in factors:
-            mark = is_mark(factor, work)
-            if factor.column in basis.columns or not (mark or len(chosen.values[place]) <= MOST_FACTORED):
-                continue
-            if not all(recurs(work, axis, factor) for axis in basis.axes if axis.kind == "table" and axis.is_open):
-                continue
-            waves = tuple((*product, factor) for product in basis.waves)
-            axes = basis.axes if waves else (*basis.axes, factor)
-            price = basis.price + (PRICE_MARK if mark else PRICE_FACTOR)
-            bases.append(replace(basis, axes=axes, waves=waves, price=price))
-        offers = Candidates(work, left).add(bases)
-        for item in sorted(offers, key=lambda item: -item.gain)[:MOST_OFFERS]:
-            trial = joint(work, [*chosen.terms[:place], item, *chosen.terms[place + 1 :]])
-            if trial.beyond(best) > FURTHER_GAIN:
-                best = trial
-        chosen = best
-    return chosen
-
-
-def from_nil(work: Work, chosen: Chosen) -> Chosen:
-    """Products of a line and of what is steady within steps with the line's own nil, where that fits as well.
-
-    What steps share hides where such a product is nil, and the middle of the rows is nowhere special: a path of no
-    length has no loss in air of any kind.
-    """
-    for place, term in enumerate(chosen.terms):
-        basis = term.basis
-        lines = [axis for axis in basis.axes if axis.kind == "linear" and not work.is_shared((axis.column,))]
-        others = tuple(axis for axis in basis.axes if axis not in lines)
-        if len(lines) != 1 or not others or basis.waves or not work.is_shared(tuple(a.column for a in others)):
-            continue
-        (line,) = lines
-        for ratio in axes_of(line.column, work.features[line.column], ()):
-            if ratio.kind == "ratio":
-                item = weighed(work, replace(basis, axes=(ratio, *others)), work.residual)
-                trial = joint(work, [*chosen.terms[:place], item, *chosen.terms[place + 1 :]])
-                if trial.held > chosen.held - AS_WELL:
-                    chosen = trial
-    return chosen
-
-
-def completed(work: Work, chosen: Chosen) -> Chosen:
-    """Each product also without one of its factors: the zero of a factor need not lie in the middle of the rows."""
-    for term in list(chosen.terms):
-        for number, axis in enumerate(term.basis.axes):
-            if len(term.basis.axes) < 2 or axis.is_open or axis.kind in UNSHIFTED:
-                continue
-            axes = (*term.basis.axes[:number], *term.basis.axes[number + 1 :])
-            basis = replace(term.basis, axes=axes, price=PRICE_ZERO)
-            if any(t.basis.axes == axes for t in chosen.terms):
-                continue
-            item = weighed(work, basis, chosen.left)
-            trial = joint(work, [*chosen.terms, item]) if item.gain > 0.0 else chosen
-            if trial.beyond(chosen) > LEAST_GAIN:
-                chosen = trial
-    return chosen
-
-
-def _factors(work: Work, looker: Looker, leading: Sequence[str]) -> list[Axis]:
-    """Marks of categories, lines and hinges of the columns that tell something of their own."""
-    view = looker.problem.view
-    numeric = [n for n in work.features if not n.startswith(("~", "sim_")) and not view.is_category(n)]
-    factors = marks_of(looker)
-    for name in distinct(work, [*(n for n in leading if n in numeric), *numeric]):
-        values = work.features[name]
-        if len(np.unique(values[np.isfinite(values)])) > 2:
-            factors += [a for a in axes_of(name, values, ()) if a.kind in {"linear", "above", "below"}]
-    return factors
 
 
 def law_of(chosen: Chosen, data: ChannelData) -> Law:

@@ -89,7 +89,7 @@ def _fit_pattern(
     moved = forward([*terms, term], view)
     names = [d for d in problem.data if moved[d.channel.name] is not base[d.channel.name]]
     gram, score = np.zeros((2, len(keys))), np.zeros((2, len(keys)))
-    due, lack = np.zeros(len(keys)), np.zeros(len(keys))
+    due, lack, rows = np.zeros(len(keys)), np.zeros(len(keys)), np.zeros(len(keys), dtype=np.int64)
     answers = np.full(len(keys), np.inf)
     for d in names:
         if d.channel.role.value == "scatter":
@@ -105,6 +105,7 @@ def _fit_pattern(
             certain = tangent / (d.stated * d.spread) ** 2
             due += np.bincount(code[d.use], certain * tangent, minlength=len(keys))
             lack += np.bincount(code[d.use], certain * residual, minlength=len(keys))
+            rows += np.bincount(code[d.use], minlength=len(keys))
         half = _halves(problem, d, code[d.use])
         for k in (0, 1):
             part = half == k
@@ -132,7 +133,7 @@ def _fit_pattern(
             return None  # what most of them lose in part is no death: dirt, or another scene
         chosen = int(strong.sum())
         if by_light:
-            died = deaths(keys, parameter.per, due, lack)
+            died = deaths(keys, parameter.per, due, lack, rows)
             if not died.on_the_way:
                 return None
             strong, chosen = died.gone & good, died.pixels  # each chose one moment: what follows, it did not

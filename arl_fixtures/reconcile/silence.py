@@ -15,6 +15,8 @@ LEFT = 0.15
 """Share of its light that a row may keep and still be dark: a stray share, an offset."""
 LIT = 6.0
 """Standard errors of light that a row must be due, to be called dark without it."""
+FEWEST_OF_PIXEL = 2
+"""Rows of a pixel, its last, from which its light is gone: of many pixels the last reading of one is a wild one."""
 FEWEST_ROWS, MOST_ROWS = 4, 0.2
 """Dark rows of a channel below which there is nothing to tell of, and their share above which it is no few pixels."""
 
@@ -41,8 +43,9 @@ class Deaths:
 
 
 def deaths(
-    keys: Sequence[tuple[str, ...]], per: Sequence[str], due: NDArray[np.float64], lack: NDArray[np.float64]
-) -> Deaths:
+    keys: Sequence[tuple[str, ...]], per: Sequence[str], due: NDArray[np.float64], lack: NDArray[np.float64],
+    rows: NDArray[np.int64],
+) -> Deaths:  # fmt: skip
     """Levels from which on a pixel has lost its light: where that is likeliest, and sure of all that follow together.
 
     A level alone may be too dim to tell; none that follows may have its light.
@@ -52,6 +55,7 @@ def deaths(
         per: columns of the levels, those of `RECORD_TIME` among them.
         due: (levels,) squared light that is due there, in standard errors.
         lack: (levels,) that light times the light that is lacking.
+        rows: (levels,) how many rows each has.
     """
     times = [k for k, name in enumerate(per) if name in RECORD_TIME]
     of_pixel: dict[tuple[str, ...], list[tuple[tuple[float, ...], int]]] = {}
@@ -66,7 +70,7 @@ def deaths(
         after = np.cumsum((lack - 0.5 * due)[at][::-1])[::-1]  # log-likelihood that it is gone from there on
         since = int(np.argmax(after))
         tail = at[since:]
-        if after[since] <= 0.0 or not _are_dark(due[tail], lack[tail]):
+        if after[since] <= 0.0 or rows[tail].sum() < FEWEST_OF_PIXEL or not _are_dark(due[tail], lack[tail]):
             continue
         kept[tail] = True
         pixels += 1

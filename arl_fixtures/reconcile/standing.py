@@ -5,17 +5,19 @@ The adequacy gate asks this of every channel; nothing is decided here.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from arl_fixtures.reconcile.acceptance import PRICE
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.law import Law
-from arl_fixtures.reconcile.law_search import search_law
+from arl_fixtures.reconcile.law_fit import Chosen
+from arl_fixtures.reconcile.law_search import gain_of_others, search_law
 from arl_fixtures.reconcile.locate import locate
 from arl_fixtures.reconcile.other_cause import OtherCauses
+from arl_fixtures.reconcile.own_driver import driven_by
 from arl_fixtures.reconcile.rivals import (
     LEAST_Z,
     has_rings,
@@ -39,6 +41,19 @@ tell of edges, whose two sides a pixel shares by a part that no column tells."""
 
 UNDONE = 5.0
 """Log-likelihood that names must cost a channel together for them to undo each other there."""
+
+
+class _Rival(NamedTuple):
+    """A law that says more than names.
+
+    Attributes:
+        law: that it is; chosen: its terms and what they gain.
+        needed: what it must gain for the names to be refused if something else beside them gains so much.
+    """
+
+    law: Law
+    chosen: Chosen
+    needed: Callable[[float], float]
 
 
 class Standing:
@@ -96,14 +111,23 @@ class Standing:
         if not acting or self._leaves_others(d, acting):
             return False
         # without the patterns: their pixels' values are read off the residual, where a law leaves them to chance
-        law = self._law_beyond(d, acting, self.decision.best.terms)
-        if law is None:
+        rival = self._law_beyond(d, acting, self.decision.best.terms)
+        if rival is None:
             return False
         beside = [p.term for p in self.decision.patterns if d.channel.name in p.term.variant.channels]
         # but a law that says of pixels what a pattern says better is no rival of what acts beside it
-        outdone = not beside or has_rings(law)
+        outdone = not beside or has_rings(rival.law)
         outdone = outdone or self._law_beyond(d, acting, [*self.decision.best.terms, *beside]) is not None
-        return outdone and not self.causes.of(d, self.decision.after[d.channel.name], self.decision.terms, acting)
+        if not outdone or self.causes.of(d, self.decision.after[d.channel.name], self.decision.terms, acting):
+            return False
+        return not self._stands_beside(d, acting, rival)
+
+    def _stands_beside(self, d: ChannelData, acting: Sequence[Term], rival: _Rival) -> bool:
+        """Whether names do as well as a law if what the law has found beyond their own columns stands beside them."""
+        own = forward(self.decision.best.terms, self.problem.view)
+        drivers = set().union(*(driven_by(term) for term in acting))
+        others = gain_of_others(self.looker, d, own, rival.chosen, drivers)
+        return others is not None and rival.chosen.plain <= rival.needed(others)
 
     def undone(self, d: ChannelData) -> list[Term]:
         """Names that undo each other in a channel, which agrees better with the simulation without all of them.
@@ -118,7 +142,7 @@ class Standing:
         cost = d.fit_scatter(d.residual(bare))[0] - d.fit_scatter(d.residual(own))[0]
         return acting if cost > UNDONE else []
 
-    def _law_beyond(self, d: ChannelData, acting: Sequence[Term], terms: Sequence[Term]) -> Law | None:
+    def _law_beyond(self, d: ChannelData, acting: Sequence[Term], terms: Sequence[Term]) -> _Rival | None:
         """A law in the place of the acting names, beside the other terms, that does clearly better than they."""
         own = forward(terms, self.problem.view)
         bare = forward([t for t in terms if t not in acting], self.problem.view)
@@ -137,5 +161,8 @@ class Standing:
         if plain_change(d, law.correction(self.looker.features, bare[d.channel.name])) > plain:
             plain = 0.0
         edges = lies_where_names_act(self.problem, d, acting, self.decision.terms)
-        needed = needed_by_law(named, plain, acting, law.drivers, at_edges=edges)
-        return law if chosen.z > LEAST_Z and chosen.plain > needed else None
+
+        def needed(others: float) -> float:
+            return needed_by_law(named + others, plain, acting, law.drivers, at_edges=edges)
+
+        return _Rival(law, chosen, needed) if chosen.z > LEAST_Z and chosen.plain > needed(0.0) else None

@@ -12,7 +12,7 @@ from arl_fixtures.reconcile.law import Axis, Law, thresholds
 from arl_fixtures.reconcile.law_basis import MAP_KNOTS, Basis, curve_axis, map_of, members, tables_of
 from arl_fixtures.reconcile.law_evidence import evidence
 from arl_fixtures.reconcile.law_fit import Chosen
-from arl_fixtures.reconcile.law_search import is_law, search_law
+from arl_fixtures.reconcile.law_search import gain_of_others, is_law, search_law
 from arl_fixtures.reconcile.locate import locate
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.problem import Problem
@@ -65,6 +65,26 @@ def test_a_law_has_the_right_columns_and_what_it_says_is_the_truth(problem_of, m
     left = correction - truth
     left = left - left.mean()  # a constant is calibration
     assert np.mean(left**2) < 0.15 * np.var(truth)
+
+
+def test_what_a_law_says_beyond_the_columns_of_a_name_may_stand_beside_it(problem_of, make_table):
+    def both(columns, rng):
+        turning(columns, rng)
+        warm_rows(columns, rng)
+
+    looker, data = problem_of(17, both)
+    bare = looker.problem.view.fresh_state()
+    turned = make_table(17, turning)["distance_m"] - make_table(17)["distance_m"]
+    named = bare | {"distance_m": bare["distance_m"] + turned}
+    _, chosen = search_law(looker, data, bare, ())
+    told = [set(term.basis.columns) for term in chosen.terms]
+    of_turn = set().union(*(columns for columns in told if not any("temperature" in c for c in columns)))
+    assert 0 < sum(bool(columns & of_turn) for columns in told) < len(told)
+    of_rows = search_law(looker, data, named, ())[1].plain
+    assert of_rows > 50.0
+    assert gain_of_others(looker, data, named, chosen, of_turn) > 0.9 * of_rows
+    assert gain_of_others(looker, data, named, chosen, {"no column"}) is None  # it says nothing of that
+    assert gain_of_others(looker, data, named, chosen, set().union(*told)) is None  # and nothing else
 
 
 @pytest.mark.parametrize("seed", [21, 22])

@@ -5,6 +5,8 @@ import pyarrow as pa
 import pytest
 
 from arl_fixtures.reconcile.catalogue import library
+from arl_fixtures.reconcile.patterns import find_patterns
+from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
 
@@ -114,3 +116,18 @@ def test_pixels_too_dim_to_tell_at_a_cycle_are_dead_from_one_on():
 def test_dim_pixels_that_lose_half_of_their_light_are_not_dead():
     found = diagnose(weak(8, {11: 240, 12: 480, 44: 360, 58: 600}, left=0.5), effects=KNOWN)[0].findings
     assert "detector.dead_pixels" not in [f.effect for f in found]
+
+
+def test_one_wild_reading_at_the_end_of_a_pixel_is_no_death():
+    def left(time, pixel):
+        wild = (pixel == 17) & (time == 6) | (pixel == 3) & (time == 2) | (pixel == 40) & (time == 4)
+        return np.where(wild, 0.0, 1.0)
+
+    table = pa.table(sweeps(5, left).numbers)
+    turn = np.arange(table.num_rows) // 48 % 4  # a pixel's row at one of the four angles, drawn anew at each step
+    row_of = np.random.default_rng(6).integers(0, 4, (7, 48))
+    step, pixel = (np.array(table[n]).astype(int) for n in ("step", "pixel_u"))
+    place = pixel + 12 * np.array(table["pixel_v"]).astype(int)
+    seen = (turn == row_of[step, place]) | (step < 4)
+    few = columns_of(table.filter(pa.array(seen)))
+    assert not find_patterns(Problem(few), KNOWN, ())
