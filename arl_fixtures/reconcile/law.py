@@ -25,7 +25,7 @@ LEAST_RATIO = 1e-3
 LEAST_SIDE = 0.05
 """Share of a column's range that must lie on either side of nil for its sign to mean two directions."""
 NO_RATIO = frozenset({"°C", "deg"})
-"""Units whose zero is a convention."""
+"""Units whose zero is a convention: what is a tenth of a temperature in one of them is no such part in another."""
 INTEGER_AXES = ("pixel_u", "pixel_v", "step", "cycle")
 CLUSTER_GAP, MOST_CLUSTERS = 0.03, 9
 """Share of a column's span from which a gap parts clusters of its values, and how many such gaps are looked at."""
@@ -276,11 +276,9 @@ def axes_of(name: str, values: FloatArray, labels: tuple[str, ...]) -> Iterator[
         if abs(middle) > LEAST_SIDE * width:
             yield Axis(column=name, kind="square", middle=0.0, width=width)
         yield Axis(column=name, kind="size", middle=0.0, width=width)
-    if low > LEAST_RATIO * middle and high > 1.3 * low:
-        if unit_of(name) not in NO_RATIO:
-            yield Axis(column=name, kind="ratio", middle=middle, width=width)
-        yield Axis(column=name, kind="log", middle=middle, width=width)
-        yield Axis(column=name, kind="inverse", middle=middle, width=width)
+    if unit_of(name) not in NO_RATIO and low > LEAST_RATIO * middle and high > 1.3 * low:
+        for kind in ("ratio", "log", "inverse"):
+            yield Axis(column=name, kind=kind, middle=middle, width=width)
     yield Axis(**base, kind="exp")  # type: ignore[arg-type]  # as above
     for at in thresholds(finite, (0.15, 0.3, 0.5, 0.7, 0.85)):
         yield Axis(column=name, kind="above", middle=middle, width=width, at=at)

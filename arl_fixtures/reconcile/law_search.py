@@ -27,8 +27,9 @@ from arl_fixtures.reconcile.law_refined import PRICE_FACTOR, completed, factors_
 from arl_fixtures.reconcile.law_shape import sharpened
 from arl_fixtures.reconcile.law_steps import of_few_steps, without_chance
 from arl_fixtures.reconcile.law_work import ALL_ROWS, MOST_ROWS, Work
+from arl_fixtures.reconcile.own_driver import says_of
 from arl_fixtures.reconcile.pilot import Looker, Structure
-from arl_fixtures.reconcile.roles import Role, told_by
+from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.stated import surprise_shared
 
 MOST_PASSES = 3
@@ -121,7 +122,7 @@ def gain_of_others(looker: Looker, data: ChannelData, state: State, law: Chosen,
     Returns:
         None where all terms say of the name's drivers, or none.
     """
-    others = [t.basis for t in law.terms if not any(told_by(c) in own for c in _told_columns(t.basis, data))]
+    others = [t.basis for t in law.terms if not any(says_of(c, own) for c in _told_columns(t.basis, data))]
     if not others or len(others) == len(law.terms):
         return None
     before, best = data.fit_scatter(data.residual(state))[0], 0.0

@@ -14,9 +14,9 @@ from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.law_search import is_law, search_law
-from arl_fixtures.reconcile.own_driver import cells_of, driven_by, within_cells
+from arl_fixtures.reconcile.own_driver import cells_of, driven_by, says_of, within_cells
 from arl_fixtures.reconcile.pilot import Looker, Structure
-from arl_fixtures.reconcile.roles import MADE_OF, told_by
+from arl_fixtures.reconcile.roles import told_by
 from arl_fixtures.reconcile.terms import Term, forward
 
 ALONG = 0.1
@@ -76,8 +76,7 @@ def has_another_cause(
     if not acting or not is_law(chosen, beside=True) or law.law_gain < TOLD * left.gain:
         return False
     own = set().union(*(driven_by(term) for term in acting))
-    parts = [part for name in law.drivers for part in MADE_OF.get(name, (name,))]
-    if any(part.startswith("~") or told_by(part) in own for part in parts):
+    if any(says_of(name, own) for name in law.drivers):
         return False
     if any(_goes_along(looker, d, law.correction(looker.features, state[d.channel.name]), t) for t in acting):
         return False

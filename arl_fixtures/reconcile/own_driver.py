@@ -7,14 +7,14 @@ it says the same of all rows, and whatever its shape should be, it leaves the di
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Container, Sequence
 
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effects_common import is_of
 from arl_fixtures.reconcile.problem import Problem
-from arl_fixtures.reconcile.roles import told_by, unit_of
+from arl_fixtures.reconcile.roles import MADE_OF, told_by, unit_of
 from arl_fixtures.reconcile.terms import Term, forward
 from arl_fixtures.reconcile.view import View
 
@@ -45,6 +45,12 @@ def drives_another_part(term: Term) -> bool:
 def driven_by(term: Term) -> set[str]:
     """What drives an effect."""
     return {told_by(name) for name in term.variant.drivers}
+
+
+def says_of(column: str, own: Container[str]) -> bool:
+    """Whether a column may say something of what drives an effect (`told_by`): one derived from it, or from rows."""
+    parts = MADE_OF.get(column, (column,))
+    return any(part.startswith("~") or told_by(part) in own for part in parts)
 
 
 def cells_of(view: View, names: Sequence[str]) -> IntArray | None:

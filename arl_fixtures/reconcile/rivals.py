@@ -191,6 +191,15 @@ def plain_change(d: ChannelData, change: FloatArray) -> float:
     return 0.5 * float(np.sum(Whitener(d.root_weight, d.levels, {})(here) ** 2))
 
 
+def plain_beyond(d: ChannelData, named: FloatArray, law: FloatArray) -> float:
+    """What names' change says to independent rows beyond a law's, never less than nothing.
+
+    Free scatters of pixels or steps hide most of what names gain; as far as a law changes as much they hide its gain,
+    too.
+    """
+    return max(plain_change(d, named) - plain_change(d, law), 0.0)
+
+
 def has_other_place(looker: Looker, terms: Sequence[Term], pattern: Pattern) -> bool:
     """Whether a channel of a pattern carries stronger structure on something other than its pixels.
 

@@ -25,7 +25,7 @@ from arl_fixtures.reconcile.rivals import (
     lies_where_names_act,
     mends_the_same,
     needed_by_law,
-    plain_change,
+    plain_beyond,
 )
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.step_means import acts_within_steps, leaves_other_rows, left_in_steps
@@ -156,10 +156,8 @@ class Standing:
         if each is not None:  # units are not alike: each may have the names in a strength of its own
             price += PRICE * (np.unique(d.unit).size - 1)
             named = max(named, d.fit_scatter(d.residual(each))[0] - base - price)
-        # free scatters of pixels or steps hide most of a gain, unless the law changes as much
-        plain = plain_change(d, own[d.channel.name] - bare[d.channel.name])
-        if plain_change(d, law.correction(self.looker.features, bare[d.channel.name])) > plain:
-            plain = 0.0
+        change = law.correction(self.looker.features, bare[d.channel.name])
+        plain = plain_beyond(d, own[d.channel.name] - bare[d.channel.name], change)
         edges = lies_where_names_act(self.problem, d, acting, self.decision.terms)
 
         def needed(others: float) -> float:

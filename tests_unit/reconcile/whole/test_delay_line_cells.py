@@ -6,7 +6,7 @@ import pytest
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.reconcile import diagnose
-from arl_fixtures.reconcile.rivals import plain_change
+from arl_fixtures.reconcile.rivals import plain_beyond, plain_change
 from arl_fixtures.reconcile.search import Search
 from arl_fixtures.reconcile.table import columns_of
 from arl_fixtures.reconcile.view import View
@@ -111,6 +111,9 @@ def test_a_change_is_weighed_beside_the_constants_that_are_free():
     slope = 1e-3 * table.numbers["true_range_m"]
     assert plain_change(d, slope) > 0.0
     assert plain_change(d, slope + 0.5) == pytest.approx(plain_change(d, slope), rel=1e-6)
+    # what a law says as well cannot have been hidden from it
+    assert plain_beyond(d, slope, 0.9 * slope) == pytest.approx(0.19 * plain_change(d, slope), rel=1e-6)
+    assert plain_beyond(d, slope, 1.1 * slope) == 0.0
 
 
 def test_a_fast_clock_is_told_on_a_long_rail_by_marks_where_the_carriage_stops_anywhere_near():
