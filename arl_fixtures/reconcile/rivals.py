@@ -105,14 +105,16 @@ def lies_where_names_act(problem: Problem, d: ChannelData, acting: Sequence[Term
 
 
 def needed_by_law(
-    named: float, plain: float, acting: Sequence[Term], columns: Sequence[str], *, at_edges: bool = False
-) -> float:
+    named: float, plain: float, acting: Sequence[Term], columns: Sequence[str], *,
+    at_edges: bool = False, is_line: bool = False,
+) -> float:  # fmt: skip
     """Likelihood that a law must reach for names to be refused.
 
     Args:
         named: what the names gain, less their price; plain: the same if rows shared no errors.
         acting: the names; columns: of the law.
         at_edges: whether what the names leave lies in the rows of edges on which they act (`lies_where_names_act`).
+        is_line: whether the law is one number times one function of one column: simpler than two names.
     """
     share = MIXED_SHARE if at_edges or says_the_same(acting, columns) else BEATEN_SHARE
     known = {_kind_of(c) for term in acting for c in term.variant.drivers}
@@ -123,6 +125,8 @@ def needed_by_law(
     if set(columns) & set(BEARING_SIGNS):
         own = own and bool(known & OF_BEARINGS)
     least, share = (BEATEN_OWN, max(share, 2.0 * BEATEN_SHARE)) if own else (BEATEN_BY, share)
+    if is_line and not own and len(acting) > 1:
+        return named
     if any(_follows_order(term) for term in acting) and not ORDERS & set(columns):
         return named  # what was set in that order says as much
     return named + max(least, share * named, BEATEN_PLAIN * plain)

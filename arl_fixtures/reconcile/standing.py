@@ -159,8 +159,9 @@ class Standing:
         change = law.correction(self.looker.features, bare[d.channel.name])
         plain = plain_beyond(d, own[d.channel.name] - bare[d.channel.name], change)
         edges = lies_where_names_act(self.problem, d, acting, self.decision.terms)
+        is_line = len(law.drivers) == 1 and [len(v) for v in chosen.values] == [1]
 
         def needed(others: float) -> float:
-            return needed_by_law(named + others, plain, acting, law.drivers, at_edges=edges)
+            return needed_by_law(named + others, plain, acting, law.drivers, at_edges=edges, is_line=is_line)
 
         return _Rival(law, chosen, needed) if chosen.z > LEAST_Z and chosen.plain > needed(0.0) else None

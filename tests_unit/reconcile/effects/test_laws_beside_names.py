@@ -34,3 +34,13 @@ def test_a_law_of_a_names_own_columns_must_do_better_than_one_of_others():
     acting = [Term(effect=library()[variant.effect], variant=variant, values=default_values(variant))]
     own, other = (needed_by_law(100.0, 0.0, acting, columns) for columns in (["pixel_u"], ["tof_temperature_c"]))
     assert own > other
+
+
+def test_one_line_of_another_column_needs_no_more_than_two_names_gain():
+    view = image_view(*(image_of()[k] for k in (2, 3, 0, 1)))
+    variants = [variant_of(view, f"detector.{name}") for name in ("compression", "crosstalk")]
+    names = [Term(effect=library()[v.effect], variant=v, values=default_values(v)) for v in variants]
+    assert needed_by_law(100.0, 0.0, names, ["simultaneous_returns"], is_line=True) == 100.0
+    assert needed_by_law(100.0, 0.0, names, ["simultaneous_returns"]) > 100.0
+    assert needed_by_law(100.0, 0.0, names[:1], ["simultaneous_returns"], is_line=True) > 100.0
+    assert needed_by_law(100.0, 0.0, names, ["pixel_u"], is_line=True) > 100.0  # it is their own
