@@ -24,8 +24,8 @@ ALONG = 0.1
 TOLD = 0.6
 """Share of what is left that the law must tell."""
 LIKELIER, LIKELIER_SHARE = 3.0, 0.03
-"""Log-likelihood (and share of that of the law) by which two causes must do better than a law of one, and the first
-of these by which they may do worse than a law of both: a law's shape is never quite that of the cause."""
+"""Log-likelihood (and share of what the names gain) by which two causes must do better than a law of one, and the
+first of these by which they may do worse than a law of both: a law's shape is never quite that of the cause."""
 
 
 class OtherCauses:
@@ -86,7 +86,7 @@ def has_another_cause(
     columns = [{told_by(name) for name in term.basis.columns} for term in alone.terms]
     other = {told_by(name) for name in law.drivers}
     tells_both = any(c <= own for c in columns) and all(c <= own or c <= other for c in columns)
-    least = -LIKELIER if tells_both else max(LIKELIER, LIKELIER_SHARE * alone.plain)
+    least = -LIKELIER if tells_both else max(LIKELIER, LIKELIER_SHARE * named)
     return named + chosen.plain > alone.plain + least
 
 
