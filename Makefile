@@ -10,7 +10,7 @@ RESUME ?=
 CASES ?= 60
 PYTEST_ARGS ?=
 
-DIAGNOSES := tests_unit/reconcile/whole
+DIAGNOSES := tests_unit/reconcile/whole tests_bench/test_repair.py
 
 .PHONY: setup test diagnoses types style cycle report proof soak bench clean
 # tests start the package in many processes: it is compiled once
@@ -27,7 +27,7 @@ $(VENV)/.installed: pyproject.toml
 test diagnoses: export OMP_NUM_THREADS = 1
 test: setup
 	@$(MAKE) --no-print-directory --output-sync -j 2 types style
-	$(BIN)/python -m pytest tests_bench tests_unit --ignore $(DIAGNOSES) -q -n 3 --dist worksteal
+	$(BIN)/python -m pytest tests_bench tests_unit $(addprefix --ignore ,$(DIAGNOSES)) -q -n 3 --dist worksteal
 
 diagnoses: setup
 	$(BIN)/python -m pytest $(DIAGNOSES) -q -n 2 --dist worksteal

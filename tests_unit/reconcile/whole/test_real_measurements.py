@@ -11,7 +11,7 @@ from arl_fixtures.reconcile.command import predict, reconcile
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import load_table
 
-REAL = Path(__file__).parents[3] / "shared" / "real"
+REAL = Path(__file__).parents[4] / "shared" / "real"
 
 
 @pytest.mark.parametrize(
