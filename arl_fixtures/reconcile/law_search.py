@@ -20,9 +20,7 @@ from arl_fixtures.reconcile.law_basis import PRICE_ONE, Basis, price_of
 from arl_fixtures.reconcile.law_choice import find_terms
 from arl_fixtures.reconcile.law_fit import Chosen, confirm
 from arl_fixtures.reconcile.law_harm import harmless
-from arl_fixtures.reconcile.law_pool import (
-    pool_of,
-)
+from arl_fixtures.reconcile.law_pool import pool_of
 from arl_fixtures.reconcile.law_refined import PRICE_FACTOR, completed, factors_of, from_nil, narrowed
 from arl_fixtures.reconcile.law_shape import sharpened
 from arl_fixtures.reconcile.law_steps import of_few_steps, without_chance
@@ -84,9 +82,8 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
     leading = [n for n in leading if n in looker.features]
     before = data.fit_scatter(data.residual(state))[0]
     law, chosen = law_of(Chosen(), data), Chosen()
-    within = looker.problem.groups.block_name in WITHIN_IMAGES
     shared = surprise_shared(looker.problem.view, data.channel, data.use)
-    for tau in _starts(data, within_images=within):
+    for tau in _starts(looker, data):
         for trial, found in _from_start(looker, data, state, leading, tau):
             if not found.terms:
                 continue
@@ -126,7 +123,7 @@ def gain_of_others(looker: Looker, data: ChannelData, state: State, law: Chosen,
     if not others or len(others) == len(law.terms):
         return None
     before, best = data.fit_scatter(data.residual(state))[0], 0.0
-    for tau in _starts(data):
+    for tau in _starts(looker, data):
         work = Work(data, state, looker.features, tau, ALL_ROWS)
         trial, found = _settled(work, data, state, looker, others)
         if found.terms:
@@ -141,12 +138,13 @@ def _told_columns(basis: Basis, data: ChannelData) -> list[str]:
     return [a.column for a in axes if a.column and (a.kind != "inverse" or a.column != f"sim_{data.channel.name}")]
 
 
-def _starts(data: ChannelData, *, within_images: bool = False) -> list[dict[str, float]]:
+def _starts(looker: Looker, data: ChannelData) -> list[dict[str, float]]:
     """Scatters to start from: pixels, angles and images share nothing, steps ever less where they seem to share much.
 
     The search relies on unseen steps alone (on what images share, too, where blocks are parts of images); its next
     pass works with the scatters that the law before leaves.
     """
+    within_images = looker.problem.groups.block_name in WITHIN_IMAGES
     tau = {**data.tau, "pixel": 0.0, "angle": 0.0, "frame": data.tau.get("frame", 0.0) if within_images else 0.0}
     level = data.level("step")
     starts = [tau]

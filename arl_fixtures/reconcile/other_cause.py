@@ -75,7 +75,7 @@ def has_another_cause(
     law, chosen = search_law(looker, d, state, left.leading())
     if not acting or not is_law(chosen, beside=True) or law.law_gain < TOLD * left.gain:
         return False
-    own = set().union(*(driven_by(term) for term in acting))
+    own = driven_by(*acting)
     if any(says_of(name, own) for name in law.drivers):
         return False
     if any(_goes_along(looker, d, law.correction(looker.features, state[d.channel.name]), t) for t in acting):

@@ -42,9 +42,9 @@ def drives_another_part(term: Term) -> bool:
     return any(is_of(name, *words) for words in _PARTS.values() for name in temperatures)
 
 
-def driven_by(term: Term) -> set[str]:
-    """What drives an effect."""
-    return {told_by(name) for name in term.variant.drivers}
+def driven_by(*terms: Term) -> set[str]:
+    """What drives effects."""
+    return {told_by(name) for term in terms for name in term.variant.drivers}
 
 
 def says_of(column: str, own: Container[str]) -> bool:

@@ -105,7 +105,7 @@ def _fit_pattern(
             certain = tangent / (d.stated * d.spread) ** 2
             due += np.bincount(code[d.use], certain * tangent, minlength=len(keys))
             lack += np.bincount(code[d.use], certain * residual, minlength=len(keys))
-            rows += np.bincount(code[d.use], minlength=len(keys))
+            rows = np.maximum(rows, np.bincount(code[d.use], minlength=len(keys)))
         half = _halves(problem, d, code[d.use])
         for k in (0, 1):
             part = half == k

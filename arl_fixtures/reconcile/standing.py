@@ -125,8 +125,7 @@ class Standing:
     def _stands_beside(self, d: ChannelData, acting: Sequence[Term], rival: _Rival) -> bool:
         """Whether names do as well as a law if what the law has found beyond their own columns stands beside them."""
         own = forward(self.decision.best.terms, self.problem.view)
-        drivers = set().union(*(driven_by(term) for term in acting))
-        others = gain_of_others(self.looker, d, own, rival.chosen, drivers)
+        others = gain_of_others(self.looker, d, own, rival.chosen, driven_by(*acting))
         return others is not None and rival.chosen.plain <= rival.needed(others)
 
     def undone(self, d: ChannelData) -> list[Term]:

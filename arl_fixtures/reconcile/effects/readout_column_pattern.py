@@ -229,9 +229,9 @@ _FEWEST_SWINGS = 1.5
 """Swings over the image by which a pattern is one, and no smooth profile."""
 
 
-def _pattern(variant: Variant, values: Values, kind: str, place: FloatArray, held: FloatArray) -> FloatArray:
-    """What a pattern adds (or multiplies by, less one) at columns (or rows), less its mean over those held."""
-    parts = {part: float(values[f"{kind}{part}"]) for part in ("cosine", "sine") if f"{kind}{part}" in values}
+def _pattern(variant: Variant, values: Values, prefix: str, place: FloatArray, held: FloatArray) -> FloatArray:
+    """What a pattern adds (`gain_`: multiplies by, less one) at columns or rows; nil in the mean of those held."""
+    parts = {part: float(values[prefix + part]) for part in ("cosine", "sine") if prefix + part in values}
     size = float(np.hypot(parts["cosine"], parts.get("sine", 0.0)))
 
     def at(where: FloatArray) -> FloatArray:
