@@ -18,9 +18,11 @@ from arl_fixtures.errors import DataError
 from arl_fixtures.reconcile.ceilings import leave_out_ceilings
 from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray, find_channels
 from arl_fixtures.reconcile.parcels import batches_of_parcels, drawn_rows, read_rows
+from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.synonyms import read_as_known
 
 ALWAYS_CATEGORY = frozenset({"dut", "surface", "mixed"})
+_TRUTHS = {"true", "false"}
 FEWEST_ROWS = 4
 """Rows that a channel must have, measured and simulated."""
 LARGEST, SMALLEST = 1e30, 1e-30
@@ -138,6 +140,7 @@ def columns_of(table: pa.Table, *, path: Path | str = "table", for_prediction: b
     given = read_as_known(numbers, categories)
     _rename_for_prediction(numbers, for_prediction=for_prediction)
     _check_text(numbers, categories, ignored)
+    _check_stated(numbers, ignored)
     _check_pairs(numbers, ignored, for_prediction=for_prediction)
     channels = find_channels(set(numbers))
     if not channels:
@@ -246,9 +249,19 @@ def _check_text(
     numbers: dict[str, FloatArray], categories: dict[str, tuple[IntArray, tuple[str, ...]]], ignored: dict[str, str]
 ) -> None:
     for name in sorted(categories):
-        if name.startswith("sim_") or f"sim_{name}" in numbers or f"sim_{name}" in categories:
+        measured = unit_of(name) != "1" and name not in ALWAYS_CATEGORY and not set(categories[name][1]) <= _TRUTHS
+        if measured or name.startswith("sim_") or f"sim_{name}" in numbers or f"sim_{name}" in categories:
             ignored[name] = "holds text where numbers belong"
             del categories[name]
+
+
+def _check_stated(numbers: dict[str, FloatArray], ignored: dict[str, str]) -> None:
+    """Take standard deviations below nil as not stated: a row's noise is then that of the others, or of the data."""
+    for name in sorted(n for n in numbers if n.startswith("sim_") and n.endswith("_std")):
+        below = numbers[name] < 0.0
+        if below.any():
+            numbers[name] = np.where(below, np.nan, numbers[name])
+            ignored[f"{name} (rows)"] = f"{int(below.sum())} standard deviations below nil are taken as not stated"
 
 
 def _check_pairs(numbers: dict[str, FloatArray], ignored: dict[str, str], *, for_prediction: bool) -> None:

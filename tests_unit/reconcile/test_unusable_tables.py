@@ -112,6 +112,11 @@ def test_a_file_that_is_no_table_is_refused(tmp_path, content, words):
             lambda t: {**t, "sim_distance_m": np.where(t["pixel_u"] == 3, 1e300, t["sim_distance_m"])}, None,
             ("sim_distance_m (rows)", "8 infinite values"),
         ),
+        (lambda t: {**t, "tof_temperature_c": t["step"].astype(str)}, None, ("tof_temperature_c", "holds text")),
+        (
+            lambda t: {**t, "sim_distance_m_std": t["step"] / 1e3 - 1e-3}, None,
+            ("sim_distance_m_std (rows)", "30 standard deviations below nil"),
+        ),
         (lambda t: {**t, "n_frames": t["step"]}, None, ("n_frames (rows)", "30 rows count fewer than one frame")),
     ],
 )  # fmt: skip
