@@ -179,7 +179,15 @@ class ChannelData:
         """Let gains and what groups share be parts of other values: of two kinds, they would differ by any curve."""
         self.scale = scale
         self.levels = tuple(
-            level if level.declared or level.name in {"unit", POSE} else replace(level, scale=scale)
+            level if level.declared or level.amount or level.name in {"unit", POSE} else replace(level, scale=scale)
+            for level in self.levels
+        )
+
+    def differ_like(self, whole: ChannelData, place: IntArray) -> None:
+        """Let steps differ as in the channel of which this one has the rows at these places."""
+        steps = next((level for level in whole.levels if level.name == "step"), None)
+        self.levels = tuple(
+            replace(level, scale=steps.scale[place], amount=steps.amount) if steps and level.name == "step" else level
             for level in self.levels
         )
 
@@ -189,18 +197,21 @@ class ChannelData:
         A dark level that is found anew at every step is one; bright rows hardly show it.
 
         Returns:
-            Whether they do now, and did not before.
+            Whether they differ by the other one now.
         """
         place = next((k for k, v in enumerate(self.levels) if v.name == "step"), None)
         if self.channel.role is not Role.INTENSITY or place is None or self.levels[place].floor > 0.0:
             return False
-        share = self.fit_scatter(residual)[0]
-        amount = replace(self.levels[place], scale=np.full(len(self.use), float(np.median(self.scale))))
-        before, self.levels = self.levels, (*self.levels[:place], amount, *self.levels[place + 1 :])
-        clear = self.fit_scatter(residual)[0] > share + CLEARLY_ADDED
-        if not clear:
-            self.levels = before
-        return clear
+        before, step = self.levels, self.levels[place]
+        share = replace(step, scale=self.scale, amount=False)
+        amount = replace(step, scale=np.full(len(self.use), float(np.median(self.scale))), amount=True)
+        likelihood = []
+        for kind in (share, amount):
+            self.levels = (*before[:place], kind, *before[place + 1 :])
+            likelihood.append(self.fit_scatter(residual)[0])
+        clear = likelihood[1] > likelihood[0] + CLEARLY_ADDED
+        self.levels = (*before[:place], amount if clear else share, *before[place + 1 :])
+        return clear is not step.amount
 
     def free_zero(self) -> None:
         """Let each unit's signal have a zero of its own, beside an effect that the user's calibration did not know.

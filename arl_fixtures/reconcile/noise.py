@@ -37,6 +37,7 @@ class Level:
         scale: shape of the shared error on each row: τ·scale is its standard deviation.
         floor: lower bound of τ (1 where the scale is the declared repeatability).
         declared: whether the table states this scatter.
+        amount: whether groups differ by an amount and not by a part of the signal.
         smooth: functions of the groups that are no scatter, (groups, functions); None for none.
     """
 
@@ -46,6 +47,7 @@ class Level:
     scale: FloatArray
     floor: float = 0.0
     declared: bool = False
+    amount: bool = False
     smooth: FloatArray | None = None
 
     @property

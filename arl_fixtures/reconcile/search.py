@@ -48,7 +48,7 @@ from arl_fixtures.reconcile.ranking import POLISHED, polished, rank
 from arl_fixtures.reconcile.readings import smooth_readings
 from arl_fixtures.reconcile.sampling import draw_rows
 from arl_fixtures.reconcile.screen import Candidate, Screening, Surcharge, all_variants, screen
-from arl_fixtures.reconcile.settling import gains_of, settle, shortlist
+from arl_fixtures.reconcile.settling import gains_of, in_each_place, settle, shortlist
 from arl_fixtures.reconcile.small_problem import small_part, steps_alike
 from arl_fixtures.reconcile.terms import Term, forward
 from arl_fixtures.reconcile.two_in_place import SECOND_NAME, pairs, sides
@@ -163,9 +163,12 @@ class Search:
             self.gains = gains_of(self.full, best)
         return best
 
-    def _look_again(self, best: Fit) -> None:
-        """Set spread, outliers and group scatters anew from what a fit leaves, in both problems."""
-        untouched = self.full.view.sim
+    def _look_again(self, best: Fit) -> bool:
+        """Set spread, outliers and group scatters anew from what a fit leaves, in both problems.
+
+        Tells whether steps are seen to differ in another way than before.
+        """
+        untouched, otherwise = self.full.view.sim, False
         for d in self.full.data:
             if best.state[d.channel.name] is not untouched[d.channel.name]:
                 moved = (best.state[d.channel.name] - untouched[d.channel.name])[d.use]
@@ -173,6 +176,9 @@ class Search:
                     d.free_zero()  # unless what was named is a zero itself
                 d.follow(best.state)
                 self.looker.calibrate(d, best.state)
+                if d.tell_step_scatter(d.residual(best.state)):  # with the names: a dark signal is one of them
+                    self.looker.calibrate(d, best.state)
+                    otherwise = True
         hold_back_edges(self.full, best)
         carry_gains(self.full, best.state)
         if self.small is not self.full:
@@ -184,8 +190,10 @@ class Search:
                 if any(level.name == "unit" for level in whole.levels):
                     part.free_zero()
                 part.relate_to(whole.scale[place])
+                part.differ_like(whole, place)
                 part.rebuild(whole.tau)
             carry_gains(self.small, forward(best.terms, self.small.view))
+        return otherwise
 
     def run(self) -> Found:
         """All rounds."""
@@ -245,8 +253,10 @@ class Search:
         settled = settle(self, stage.chosen.fit, stage)
         self.full.refit_scatter(settled.state, lost=float(len(settled.keys)))  # those that hid it would draw it back
         best = fit(self.full, settled.terms, rounds=4)
-        self._look_again(best)
+        otherwise = self._look_again(best)
         best = finish(self.full, fit(self.full, best.terms, rounds=4))
+        if otherwise:  # what was taken for a name's own shape may have been the steps'
+            best = in_each_place(self, best, stage)
         self.gains = gains_of(self.full, best)  # with the scatters that it leaves, not with those that hid it
         return best
 

@@ -38,6 +38,14 @@ def settle(search: Search, chosen: Fit, stage: Stage) -> Fit:
     return _as_one(search, best, stage)
 
 
+def in_each_place(search: Search, best: Fit, stage: Stage) -> Fit:
+    """Swap pass over all effects, the last one included: of some other variants may do better now."""
+    for index, term in enumerate(best.terms):
+        rest = tuple(t for k, t in enumerate(best.terms) if k != index)
+        best = _swapped(search, best, rest, term.label, stage)
+    return best
+
+
 def _as_one(search: Search, best: Fit, stage: Stage) -> Fit:
     """The fit with one effect in the place of two, where one that depends on all that drives them says as much."""
     problem = search.full

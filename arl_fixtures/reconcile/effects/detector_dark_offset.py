@@ -23,11 +23,14 @@ from arl_fixtures.reconcile.effects_common import (
     temperature_drivers,
     top_signal,
 )
+from arl_fixtures.reconcile.effects_counting import counts_photons
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
 MOST_DARK = 20.0
 """Times the brightest light: behind a narrow filter a channel may hold next to no other counts than dark ones."""
+CELLS = (1.05, 20.0, 1.5)
+"""Fewest, most and usual cells of a counter, times the brightest light; of more it is as good as never full."""
 
 
 class DarkOffset(Effect):
@@ -36,7 +39,8 @@ class DarkOffset(Effect):
     Without a temperature in the table the offset is constant. Where the bias of an avalanche detector is swept, also
     as what is multiplied with the light: the more, the nearer the bias V to breakdown, by (1 − V_top²/V_b²) /
     (1 − V²/V_b²), or by what the simulated signal is of the light that was logged. Where exposures or an amplifier's
-    gain vary, also in proportion to them.
+    gain vary, also in proportion to them. Of what counts photons for sure also as what fires cells that light would
+    have fired: I += (cells − I) · (1 − exp(−dark / cells)), for cells · (1 − exp(−light / cells)) counts of light.
     """
 
     id = "detector.dark_offset"
@@ -55,10 +59,12 @@ class DarkOffset(Effect):
         spent, amplified = exposure_column(view), _gain_column(view)
         lit = light_column(view) if bias else ""
         ways = [("", ""), *([(bias, "")] if bias else []), *([(bias, lit)] if lit else [])]
-        for channel, (multiplied, light), exposure, gain in itertools.product(
+        for channel, (multiplied, light), exposure, gain, fills in itertools.product(
             signals(view), ways, ("", spent) if spent else ("",),
-            ("", amplified) if amplified else ("",),
+            ("", amplified) if amplified else ("",), (False, True),
         ):  # fmt: skip
+            if fills and (multiplied or exposure or gain or not counts_photons(view, channel)):
+                continue
             unit, top = unit_of(channel), top_signal(view, channel)
             for column in columns or ("",):
                 parameters = [amplitude("dark", unit, 0.0, MOST_DARK * top, 0.01 * top)]
@@ -76,6 +82,9 @@ class DarkOffset(Effect):
                     options |= {"exposure": exposure, "longest": rounded(view.span(exposure)[1])}
                 if gain:
                     options |= {"gain": gain, "highest_gain": rounded(view.span(gain)[1])}
+                if fills:
+                    parameters.append(shape("cells", unit, *(rounded(times * top) for times in CELLS)))
+                    options["counter"] = "fills"
                 shot, seen = noise_law(view, channel)[1], light_channels(view, channel)
                 if len(seen) > 1:  # only a scatter that was measured can tell
                     start = shot if shot > 0.0 else 1e-3 * top
@@ -111,6 +120,9 @@ class DarkOffset(Effect):
             added = added * view.number(str(variant.options["exposure"])) / float(variant.options["longest"])
         if "gain" in variant.options:
             added = added * view.number(str(variant.options["gain"])) / float(variant.options["highest_gain"])
+        if "counter" in variant.options:
+            cells = float(values["cells"])
+            added = np.maximum(cells - state[channel], 0.0) * -np.expm1(-added / cells)
         shot = float(values.get("shot", variant.options.get("shot", 0.0)))
         add_noise(view, state, channel, shot * added)  # before the counts: they time nothing
         state[channel] = state[channel] + added
@@ -128,6 +140,8 @@ class DarkOffset(Effect):
         elif "bias" in variant.options:
             gain = f"1 / (1 - ({variant.options['bias']} / breakdown)^2)"
             law += f" * {gain}, over that at {variant.options['highest_bias']} V"
+        elif "counter" in variant.options:
+            law = f"{channel} += (cells - {channel}) * (1 - exp(-dark{grown} / cells))"
         return f"{law}; {channel}_std^2 += shot * added"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:

@@ -54,6 +54,24 @@ def test_dark_counts_bring_their_shot_noise():
     assert state["signal_counts_std"][1] == pytest.approx(frames.std(), rel=0.02)
 
 
+def test_dark_counts_fire_cells_that_light_would_have_fired():
+    rng, cells, dark = np.random.default_rng(21), 1000, np.array([1.0, 3.0, 10.0, 30.0])
+    light, warm = np.meshgrid(np.array([20.0, 60.0, 200.0, 500.0, 900.0, 1500.0]), [10.0, 30.0, 50.0, 70.0])
+    lost = np.exp(-(light + dark[:, None]) / cells)  # a cell fires once a gate, whatever fired it
+    counts = rng.binomial(cells, 1.0 - lost, (400, *light.shape))
+    own = cells * -np.expm1(-light / cells)
+    view = table(
+        sim_signal_counts=np.tile(own.ravel(), 2), sim_signal_counts_std=np.sqrt(np.tile(own.ravel(), 2)),
+        signal_counts=np.concatenate([counts[:200].mean(axis=0).ravel(), counts[200:].mean(axis=0).ravel()]),
+        tof_temperature_c=np.tile(warm.ravel(), 2),
+    )  # fmt: skip
+    variant = variant_of(view, "detector.dark_offset", counter="fills")
+    values = fit(view, variant, "signal_counts", {"dark": 10.0, "doubling": 9.0, "cells": 1500.0}, scale=1.0)
+    assert values["dark"] == pytest.approx(dark[-1], rel=0.1)
+    assert values["doubling"] == pytest.approx(20.0 * np.log(2.0) / np.log(10**0.5), rel=0.15)
+    assert values["cells"] == pytest.approx(cells, rel=0.25)
+
+
 def test_dark_counts_of_an_unmeasured_scatter_bring_the_shot_noise_that_the_simulation_has():
     own, dark = np.linspace(100.0, 900.0, 50), 300.0
     frames = np.random.default_rng(8).poisson(own[0] + dark, size=40_000)
