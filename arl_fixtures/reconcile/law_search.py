@@ -18,6 +18,7 @@ from arl_fixtures.reconcile.grouping import WITHIN_IMAGES
 from arl_fixtures.reconcile.law import Law, LawTerm
 from arl_fixtures.reconcile.law_basis import PRICE_ONE, Basis, price_of
 from arl_fixtures.reconcile.law_choice import find_terms
+from arl_fixtures.reconcile.law_drivers import strongest_first
 from arl_fixtures.reconcile.law_fit import Chosen, confirm
 from arl_fixtures.reconcile.law_harm import harmless
 from arl_fixtures.reconcile.law_pool import pool_of
@@ -203,6 +204,7 @@ def _settled(
     final = without_chance(work, final, data, residual, changed)
     final.shared = all(work.shares(t.basis) for t in final.terms)
     law = law_of(final, data)
+    law.drivers = _strongest_first(law, final, work)
     for term in law.terms:
         if len({axis.column for axis in term.axes}) > 1:
             term.reach = REACH * float(np.max(np.abs(term.product(work.features, len(work.pick)))))
@@ -229,6 +231,17 @@ def law_of(chosen: Chosen, data: ChannelData) -> Law:
         channel=data.channel.name, relative=relative, terms=terms, drivers=drivers, law_gain=chosen.held * ratio,
         gain=chosen.held * ratio, confirmed=float(np.clip(chosen.held / max(chosen.inside, 1e-9), 0.0, 1.0)),
     )  # fmt: skip
+
+
+def _strongest_first(law: Law, chosen: Chosen, work: Work) -> list[str]:
+    """Columns of a law by what it would lose without them; those that only turn shares into amounts last."""
+    last = {a.column for t in chosen.terms for a in t.basis.axes if a.kind == "inverse"}
+    last -= {a.column for t in chosen.terms for a in t.basis.axes if a.kind != "inverse"}
+    change = np.zeros(len(work.pick))
+    for term in law.terms:
+        change += term.value * term.product(work.features, len(work.pick))
+    first = [name for name in law.drivers if name not in last]
+    return strongest_first(first, work.features, change, work.direction**2) + [n for n in law.drivers if n in last]
 
 
 def _ordered(basis: Basis) -> list[str]:
