@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from arl_fixtures.reconcile.acceptance import TWIN_GAIN, worth
 from arl_fixtures.reconcile.calibration_findings import constant_finding, line_finding
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.consequences import is_back_action, is_within_noise_law, read_alike, without_back_actions
@@ -45,7 +46,7 @@ from arl_fixtures.reconcile.shared_scatter import Scatter, find_scatter
 from arl_fixtures.reconcile.spots import spots_instead
 from arl_fixtures.reconcile.standing import Standing
 from arl_fixtures.reconcile.steadiness import is_unsteady
-from arl_fixtures.reconcile.terms import Term, forward
+from arl_fixtures.reconcile.terms import Term, default_values, forward
 from arl_fixtures.reconcile.unit_conditions import law_of_units
 from arl_fixtures.reconcile.unit_strengths import with_strengths
 
@@ -149,8 +150,7 @@ class Decision:
             found = find_patterns(self.problem, self.effects, self.best.terms)
         for pattern in dead_first(self.problem, self.effects, self.best.terms, found)[:2]:
             calibration = is_calibration(self.problem, pattern, self.best.terms)
-            shares = [share_beside(self.problem, self.best.terms, t) for t in self.best.terms
-                      if set(t.variant.channels) & set(pattern.term.variant.channels)]  # fmt: skip
+            shares = self._shares(pattern, self.best.terms)
             if calibration or self.patterns or pattern.gain <= max(shares, default=0.0):
                 continue
             if is_unsteady(self.found.looker, [*self.best.terms, pattern.bare], pattern.bare):
@@ -166,10 +166,20 @@ class Decision:
                 self.best, self.patterns = best, []
                 self._add_patterns()
 
+    def _shares(self, pattern: Pattern, terms: Sequence[Term]) -> list[float]:
+        """What a pattern must gain beside each of these terms that acts in its channels."""
+        channels = set(pattern.term.variant.channels)
+        return [
+            share_beside(self.problem, self.best.terms, t) for t in terms if channels & set(t.variant.channels)
+        ]  # fmt: skip
+
     def _add_spots(self, patterns: Sequence[Pattern]) -> bool:
         """Take spots in the place of the first pattern of gains, where they say as much; tells whether it did."""
         pattern = next((p for p in patterns if p.is_dense), None)
         if pattern is None or self.patterns or self.found.screening is None or self.asked_for_spots:
+            return False
+        others = [t for t in self.best.terms if not t.effect.several]  # a spot beside spots is another one
+        if pattern.gain <= max(self._shares(pattern, others), default=0.0):
             return False
         self.asked_for_spots = True  # those that fell would come back as long as the pattern stands
         threshold = self.found.screening.threshold(LEVEL_FURTHER)
@@ -201,12 +211,14 @@ class Decision:
         undone = {d.channel.name: self.standing.undone(d) for d in self.problem.data}
         void = [t for t in self.best.terms if any(t in terms for terms in undone.values())]
         gone = (*unsteady, *alike, *void)
-        mismatches = [self._mismatch_of(t) for t in gone]
-        self.fallen |= {name: law for name, law in mismatches if not undone[name]}
-        self.refused |= {t.effect.id for t in unsteady}
         kept = tuple(t for t in self.best.terms if not self._mostly_in(t, bad) and t not in gone)
         if len(kept) == len(self.best.terms):
             return False
+        if self._widen(kept):
+            return True
+        mismatches = [self._mismatch_of(t) for t in gone]
+        self.fallen |= {name: law for name, law in mismatches if not undone[name]}
+        self.refused |= {t.effect.id for t in unsteady}
         for d in self.problem.data:
             d.follow(forward(kept, self.problem.view))
         self._keep(kept)
@@ -216,6 +228,22 @@ class Decision:
         self._look()
         self._add_patterns()
         return True
+
+    def _widen(self, kept: Sequence[Term]) -> bool:
+        """Give a name that would fall the freedom that its effect has besides; tells whether it gains by it."""
+        for index, term in enumerate(self.best.terms):
+            if term in kept:
+                continue
+            for variant in term.effect.wider(term.variant, self.problem.view):
+                wide = replace(term, variant=variant, values={**default_values(variant), **term.values})
+                terms = tuple(wide if k == index else t for k, t in enumerate(self.best.terms))
+                found = finish(self.problem, fit(self.problem, terms, rounds=8))
+                if worth(found, finish(self.problem, self.best)) > TWIN_GAIN:
+                    self.best, self.patterns = found, []
+                    self._look()
+                    self._add_patterns()
+                    return True
+        return False
 
     def _keep(self, terms: Sequence[Term]) -> None:
         """Fit the names that are left anew."""

@@ -209,6 +209,13 @@ class Effect(ABC):
     def variants(self, view: View) -> Iterable[Variant]:
         """The ways in which the effect could act in this table; none where its columns are missing."""
 
+    def wider(self, variant: Variant, view: View) -> Iterable[Variant]:
+        """Ways with more freedom than a variant has, which its name is given only where it would fall without.
+
+        What a table tells badly would make the usual way less sure.
+        """
+        return ()
+
     @abstractmethod
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Forward operator: replace the arrays of `state` that the effect changes."""

@@ -163,12 +163,9 @@ class Search:
             self.gains = gains_of(self.full, best)
         return best
 
-    def _look_again(self, best: Fit) -> bool:
-        """Set spread, outliers and group scatters anew from what a fit leaves, in both problems.
-
-        Tells whether steps are seen to differ in another way than before.
-        """
-        untouched, otherwise = self.full.view.sim, False
+    def _look_again(self, best: Fit) -> None:
+        """Set spread, outliers and group scatters anew from what a fit leaves, in both problems."""
+        untouched = self.full.view.sim
         for d in self.full.data:
             if best.state[d.channel.name] is not untouched[d.channel.name]:
                 moved = (best.state[d.channel.name] - untouched[d.channel.name])[d.use]
@@ -176,9 +173,6 @@ class Search:
                     d.free_zero()  # unless what was named is a zero itself
                 d.follow(best.state)
                 self.looker.calibrate(d, best.state)
-                if d.tell_step_scatter(d.residual(best.state)):  # with the names: a dark signal is one of them
-                    self.looker.calibrate(d, best.state)
-                    otherwise = True
         hold_back_edges(self.full, best)
         carry_gains(self.full, best.state)
         if self.small is not self.full:
@@ -193,7 +187,6 @@ class Search:
                 part.differ_like(whole, place)
                 part.rebuild(whole.tau)
             carry_gains(self.small, forward(best.terms, self.small.view))
-        return otherwise
 
     def run(self) -> Found:
         """All rounds."""
@@ -216,6 +209,7 @@ class Search:
             best = self._taken(stage)
         if stages and chance is not None:
             best = self._look_beside(self.prune(best, chance), stages, chance)
+            best = self._as_steps_differ(best, stages[-1])
         self.progress("what is left", 0.8)
         found = Found(
             problem=self.full, looker=self.looker, null=null, best=best, stages=stages, before=self.before,
@@ -246,6 +240,25 @@ class Search:
         stages.append(replace(stage, base=best, chosen=replace(stage.chosen, fit=beside)))
         return self._taken(stages[-1])
 
+    def _as_steps_differ(self, best: Fit, stage: Stage) -> Fit:
+        """The fit with steps that differ by an amount where they clearly do, and the variants that then do best.
+
+        Asked once the names are found: a dark signal is one of them, and would be called scatter without its name.
+        """
+        untouched = self.full.view.sim
+        told = [
+            d for d in self.full.data
+            if best.state[d.channel.name] is not untouched[d.channel.name]
+            and d.tell_step_scatter(d.residual(best.state))
+        ]  # fmt: skip
+        if not told:
+            return best
+        self._look_again(best)
+        best = finish(self.full, fit(self.full, best.terms, rounds=4))
+        best = in_each_place(self, best, stage)  # what was taken for a name's shape may have been the steps'
+        self.gains = gains_of(self.full, best)
+        return best
+
     def _taken(self, stage: Stage) -> Fit:
         """The fit with what a round has chosen; its base where that is nothing."""
         if stage.chosen is None:
@@ -253,10 +266,8 @@ class Search:
         settled = settle(self, stage.chosen.fit, stage)
         self.full.refit_scatter(settled.state, lost=float(len(settled.keys)))  # those that hid it would draw it back
         best = fit(self.full, settled.terms, rounds=4)
-        otherwise = self._look_again(best)
+        self._look_again(best)
         best = finish(self.full, fit(self.full, best.terms, rounds=4))
-        if otherwise:  # what was taken for a name's own shape may have been the steps'
-            best = in_each_place(self, best, stage)
         self.gains = gains_of(self.full, best)  # with the scatters that it leaves, not with those that hid it
         return best
 

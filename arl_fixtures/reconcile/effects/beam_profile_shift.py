@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,20 +17,26 @@ from arl_fixtures.reconcile.effects_common import (
     light_channels,
     percent,
     reference,
+    shape,
     signals,
     span,
     temperature_drivers,
     unit_per,
 )
-from arl_fixtures.reconcile.effects_illumination import Across, Field, field_options
+from arl_fixtures.reconcile.effects_illumination import Across, Field, field_options, field_rays
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
+
+MOST_RECEIVER = 8.0
+"""Power of the cosine with which lens and wall fall off at most; an ideal lens has 4, a wall that is alike 3."""
 
 
 class ProfileShift(LightFactor):
     """I *= B(azimuth − d, elevation − e) / B(azimuth, elevation): fixed, or growing with a temperature or age.
 
-    Along an axis for which the table gives no ray B is a function of the pixel, and the shift is in pixels.
+    Along an axis for which the table gives no ray B is a function of the pixel, and the shift is in pixels. What the
+    simulation shows over the field is the beam's fall-off times that of lens and wall, which stays: where the name
+    would fall otherwise, B is freed of (cos(azimuth) · cos(elevation))^receiver.
     """
 
     id = "beam.profile_shift"
@@ -61,6 +68,16 @@ class ProfileShift(LightFactor):
                     drivers=(*((driver,) if driver else ()), *(axis.column for axis in axes)),
                 )
 
+    def wider(self, variant: Variant, view: View) -> Iterable[Variant]:
+        """With a fall-off that stays, where the table gives the rays and these do not turn round."""
+        axes = Field(variant.options).varying(view)
+        if "receiver" not in variant.options and len(field_rays(view)) == len(axes) and not any(
+            axis.is_pixel for axis in axes
+        ):  # fmt: skip
+            stays = shape("receiver", "1", 0.0, MOST_RECEIVER, 2.0)
+            options = {**variant.options, "receiver": "stays"}
+            yield replace(variant, options=options, parameters=(*variant.parameters, stays))
+
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Ratio of the shifted to the simulated profile."""
         channel = str(variant.options["channel"])
@@ -70,11 +87,14 @@ class ProfileShift(LightFactor):
             return np.ones(view.n)
         driver = str(variant.options["driver"])
         size = excess(view, variant, driver) if driver else 1.0
-        moved = (
+        moved = tuple(
             place - shift / axis.half * size
             for place, shift, axis in zip(field.places(view), field.along(values, "shift"), field.axes, strict=True)
         )
         turned = profile.log(*moved)
+        stays = float(values.get("receiver", 0.0))
+        if stays:
+            turned = turned - stays * (_fall_off(*moved) - _fall_off(*field.places(view)))
         return np.exp(np.clip(turned - field.log_profile(view, channel), -4.0, 4.0))
 
     def expression(self, variant: Variant) -> str:
@@ -83,7 +103,9 @@ class ProfileShift(LightFactor):
         grown = f" * ({driver} - {variant.options['reference']})" if driver else ""
         axes = Field(variant.options).axes
         moved = ", ".join(f"{axis.column} - {_name(axis)}{grown}" for axis in axes)
-        return f"{channel} *= B({moved}) / B({', '.join(axis.column for axis in axes)}), B the simulated beam"
+        law = f"{channel} *= B({moved}) / B({', '.join(axis.column for axis in axes)}), B the simulated beam"
+        stays = " over (cos(azimuth_deg) * cos(elevation_deg))^receiver" if "receiver" in variant.options else ""
+        return law + stays
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """The shift in degrees or pixels, over the driver's range."""
@@ -106,6 +128,11 @@ class ProfileShift(LightFactor):
             "alone, "
             "a drift of the receiver's optics moves it."
         )
+
+
+def _fall_off(azimuth_deg: FloatArray, elevation_deg: FloatArray) -> FloatArray:
+    """ln of what a lens of exponent 1 sees of a direction."""
+    return np.asarray(np.log(np.cos(np.radians(azimuth_deg)) * np.cos(np.radians(elevation_deg))))
 
 
 def _name(axis: Across) -> str:
