@@ -185,7 +185,7 @@ class ChannelData:
 
     def differ_like(self, whole: ChannelData, place: IntArray) -> None:
         """Let steps differ as in the channel of which this one has the rows at these places."""
-        steps = next((level for level in whole.levels if level.name == "step"), None)
+        steps = whole.level("step")
         self.levels = tuple(
             replace(level, scale=steps.scale[place], amount=steps.amount) if steps and level.name == "step" else level
             for level in self.levels

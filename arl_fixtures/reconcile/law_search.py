@@ -95,6 +95,7 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
                 law, chosen = trial, found
             if stands:
                 break  # what it says needs not be said more simply
+    law.drivers = _strongest_first(looker, data, state, law, chosen)
     return law, chosen
 
 
@@ -204,7 +205,6 @@ def _settled(
     final = without_chance(work, final, data, residual, changed)
     final.shared = all(work.shares(t.basis) for t in final.terms)
     law = law_of(final, data)
-    law.drivers = _strongest_first(law, final, work)
     for term in law.terms:
         if len({axis.column for axis in term.axes}) > 1:
             term.reach = REACH * float(np.max(np.abs(term.product(work.features, len(work.pick)))))
@@ -224,7 +224,7 @@ def law_of(chosen: Chosen, data: ChannelData) -> Law:
         for axes, value in item.basis.closed(values):
             single = item.basis.prior is None
             terms.append(LawTerm(axes=axes, value=value, error=float(errors[0]) if single else min(share, 10.0)))
-        drivers += [c for c in _ordered(item.basis) if c not in drivers]
+        drivers += [c for c in item.basis.columns if c not in drivers]
     relative = data.channel.role in {Role.INTENSITY, Role.SCATTER}
     ratio = max(len(data.use) / ALL_ROWS, 1.0)
     return Law(
@@ -233,21 +233,15 @@ def law_of(chosen: Chosen, data: ChannelData) -> Law:
     )  # fmt: skip
 
 
-def _strongest_first(law: Law, chosen: Chosen, work: Work) -> list[str]:
+def _strongest_first(looker: Looker, data: ChannelData, state: State, law: Law, chosen: Chosen) -> list[str]:
     """Columns of a law by what it would lose without them; those that only turn shares into amounts last."""
-    last = {a.column for t in chosen.terms for a in t.basis.axes if a.kind == "inverse"}
-    last -= {a.column for t in chosen.terms for a in t.basis.axes if a.kind != "inverse"}
-    change = np.zeros(len(work.pick))
-    for term in law.terms:
-        change += term.value * term.product(work.features, len(work.pick))
-    first = [name for name in law.drivers if name not in last]
-    return strongest_first(first, work.features, change, work.direction**2) + [n for n in law.drivers if n in last]
-
-
-def _ordered(basis: Basis) -> list[str]:
-    """Columns of a basis; that which only turns a share into an amount last."""
-    last = [a.column for a in basis.axes if a.kind == "inverse"]
-    return [c for c in basis.columns if c not in last] + last
+    axes = [axis for term in chosen.terms for axis in term.basis.axes]
+    first = [n for n in law.drivers if any(axis.column == n and axis.kind != "inverse" for axis in axes)]
+    features = {name: looker.features[name][data.use] for name in first}
+    sim = state[data.channel.name][data.use] if law.relative else 1.0
+    change = law.correction(looker.features, np.ones(looker.problem.view.n))[data.use]
+    weight = (data.root_weight * data.expect * sim) ** 2
+    return strongest_first(first, features, change, weight) + [n for n in law.drivers if n not in first]
 
 
 def add_trees(law: Law, looker: Looker, data: ChannelData, state: State, structure: Structure) -> None:

@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from arl_fixtures.reconcile.acceptance import PRICE
+from arl_fixtures.reconcile.cells import within_cells
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.law_search import is_law, search_law
-from arl_fixtures.reconcile.own_driver import cells_of, driven_by, says_of, within_cells
+from arl_fixtures.reconcile.own_driver import cells_of, driven_by, says_of
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.roles import told_by
 from arl_fixtures.reconcile.terms import Term, forward

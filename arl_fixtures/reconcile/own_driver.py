@@ -11,6 +11,7 @@ from collections.abc import Collection, Container, Sequence
 
 import numpy as np
 
+from arl_fixtures.reconcile.cells import alike_in, parts_of, within_cells
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effects_common import is_of
 from arl_fixtures.reconcile.problem import Problem
@@ -18,8 +19,6 @@ from arl_fixtures.reconcile.roles import MADE_OF, told_by, unit_of
 from arl_fixtures.reconcile.terms import Term, forward
 from arl_fixtures.reconcile.view import View
 
-CELLS, FEWEST_IN_CELL = 12, 4
-"""Parts into which a driver's range is cut, and rows that a cell must hold on average."""
 OWN_SHARE, OWN_GAIN = 0.2, 6.0
 """Share of a further effect's gain that must lie within cells of an earlier one's drivers, and how much: of a change
 that grows from none with a driver of its own more than half is the same in all cells."""
@@ -60,18 +59,8 @@ def cells_of(view: View, names: Sequence[str]) -> IntArray | None:
     drivers = [name for name in simulated if view.is_category(name) or view.varies(name)]
     if not drivers:
         return None
-    cell = np.zeros(view.n, dtype=np.int64)
-    for name in drivers:
-        values = view.codes(name)[0] if view.is_category(name) else np.nan_to_num(view.number(name))
-        edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, CELLS + 1)[1:-1]))
-        cell = np.unique(cell * (CELLS + 1) + np.searchsorted(edges, values), return_inverse=True)[1]
-    return None if view.n < FEWEST_IN_CELL * (int(cell.max()) + 1) else cell.astype(np.int64)
-
-
-def within_cells(values: FloatArray, cell: IntArray) -> FloatArray:
-    """Values less their cell's mean."""
-    mean = np.bincount(cell, values) / np.maximum(np.bincount(cell), 1)
-    return np.asarray(values - mean[cell])
+    codes = [view.codes(n)[0] if view.is_category(n) else np.nan_to_num(view.number(n)) for n in drivers]
+    return alike_in([parts_of(values) for values in codes])
 
 
 def has_own_driver(problem: Problem, terms: Sequence[Term], term: Term) -> bool:

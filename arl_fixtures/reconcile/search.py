@@ -163,6 +163,11 @@ class Search:
             self.gains = gains_of(self.full, best)
         return best
 
+    def _seen_anew(self, best: Fit) -> Fit:
+        """A fit again with the spread, outliers and scatters that it leaves."""
+        self._look_again(best)
+        return finish(self.full, fit(self.full, best.terms, rounds=4))
+
     def _look_again(self, best: Fit) -> None:
         """Set spread, outliers and group scatters anew from what a fit leaves, in both problems."""
         untouched = self.full.view.sim
@@ -253,11 +258,8 @@ class Search:
         ]  # fmt: skip
         if not told:
             return best
-        self._look_again(best)
-        best = finish(self.full, fit(self.full, best.terms, rounds=4))
-        best = in_each_place(self, best, stage)  # what was taken for a name's shape may have been the steps'
-        self.gains = gains_of(self.full, best)
-        return best
+        # what was taken for a name's shape may have been the steps'
+        return in_each_place(self, self._seen_anew(best), stage)
 
     def _taken(self, stage: Stage) -> Fit:
         """The fit with what a round has chosen; its base where that is nothing."""
@@ -265,9 +267,7 @@ class Search:
             return stage.base
         settled = settle(self, stage.chosen.fit, stage)
         self.full.refit_scatter(settled.state, lost=float(len(settled.keys)))  # those that hid it would draw it back
-        best = fit(self.full, settled.terms, rounds=4)
-        self._look_again(best)
-        best = finish(self.full, fit(self.full, best.terms, rounds=4))
+        best = self._seen_anew(fit(self.full, settled.terms, rounds=4))
         self.gains = gains_of(self.full, best)  # with the scatters that it leaves, not with those that hid it
         return best
 

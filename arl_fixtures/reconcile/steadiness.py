@@ -15,11 +15,12 @@ from itertools import compress
 import numpy as np
 from numpy.typing import NDArray
 
+from arl_fixtures.reconcile.cells import within_cells
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.noise import fit_tau
-from arl_fixtures.reconcile.own_driver import cells_of, driven_by, within_cells
+from arl_fixtures.reconcile.own_driver import cells_of, driven_by
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import Role

@@ -70,10 +70,8 @@ class ProfileShift(LightFactor):
 
     def wider(self, variant: Variant, view: View) -> Iterable[Variant]:
         """With a fall-off that stays, where the table gives the rays and these do not turn round."""
-        axes = Field(variant.options).varying(view)
-        if "receiver" not in variant.options and len(field_rays(view)) == len(axes) and not any(
-            axis.is_pixel for axis in axes
-        ):  # fmt: skip
+        rays = len(field_rays(view)) == len(Field(variant.options).varying(view))
+        if rays and "receiver" not in variant.options:
             stays = shape("receiver", "1", 0.0, MOST_RECEIVER, 2.0)
             options = {**variant.options, "receiver": "stays"}
             yield replace(variant, options=options, parameters=(*variant.parameters, stays))
