@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def add_patterns(decision: Decision) -> None:
     """Take the strongest pattern of pixels that stands beside the names, and drop names that had its likeness."""
     found = find_patterns(decision.problem, decision.effects, decision.best.terms)
-    if _add_spots(decision, found):
+    if add_spots(decision, found):
         found = find_patterns(decision.problem, decision.effects, decision.best.terms)
     for pattern in dead_first(decision.problem, decision.effects, decision.best.terms, found)[:2]:
         calibration = is_calibration(decision.problem, pattern, decision.best.terms)
@@ -58,7 +58,7 @@ def _shares(decision: Decision, pattern: Pattern, terms: Sequence[Term]) -> list
     ]  # fmt: skip
 
 
-def _add_spots(decision: Decision, patterns: Sequence[Pattern]) -> bool:
+def add_spots(decision: Decision, patterns: Sequence[Pattern]) -> bool:
     """Take spots in the place of the first pattern of gains, where they say as much; tells whether it did."""
     pattern = next((p for p in patterns if p.is_dense), None)
     if pattern is None or decision.patterns or decision.found.screening is None or decision.asked_for_spots:

@@ -133,7 +133,7 @@ def test_a_name_is_asked_anew_when_one_beside_it_has_fallen(monkeypatch):
         beside = {t.effect.id for t in terms if t is not term}
         return term.effect.id == "timing.clock_scale" or "timing.clock_scale" not in beside
 
-    monkeypatch.setattr("arl_fixtures.reconcile.decide.is_unsteady", unsteady)
+    monkeypatch.setattr("arl_fixtures.reconcile.gate.is_unsteady", unsteady)
     assert {f.effect for f in diagnose(table, effects=both)[0].findings} == {"unknown"}
 
 

@@ -6,6 +6,7 @@ import pytest
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.patterns import find_patterns
+from arl_fixtures.reconcile.patterns_beside import add_spots
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
 
@@ -91,7 +92,7 @@ def test_unlike_pixels_are_no_stains():
 def test_stains_that_fell_are_not_asked_for_again():
     """They would come back, and fall again, as long as the pattern that they stand for is there."""
     _, _, decision = diagnose(image(7, blots))
-    decision._keep(())
+    decision.keep(())
     patterns = find_patterns(decision.problem, decision.effects, ())
     assert any(pattern.is_dense for pattern in patterns)
-    assert not decision._add_spots(patterns)
+    assert not add_spots(decision, patterns)
