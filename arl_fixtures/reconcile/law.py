@@ -44,6 +44,8 @@ class Axis:
             between knots), `rings` (sine) and `ring_cos` of an angle (see `ring_of`), `one`.
         middle, width: the ratio is (x − middle) / width.
         at: knot or period in the column's unit, angle at which a ring ends, weight of a bit, or number of a category.
+        beside, lean: second column of a hinge or step whose place moves with it: then of x + lean · y, lean
+            in the column's unit per that of the second.
         label: category label of `is`; `OF_LABELS` of a table over a category, each of whose labels has a bin between
             two of labels that were not seen.
         edges, values: bins of `table`, or knots of `curve`, and their coefficients; without values the axis is open:
@@ -55,6 +57,8 @@ class Axis:
     middle: float = 0.0
     width: float = 1.0
     at: float = 0.0
+    beside: str = ""
+    lean: float = 0.0
     label: str = ""
     edges: tuple[float, ...] = ()
     values: tuple[float, ...] = ()
@@ -63,6 +67,11 @@ class Axis:
         """Bin of each value of the column (modulo the period, where there is one); NaN falls into the last bin."""
         folded = np.mod(x, self.at) if self.at > 0 else x
         return np.searchsorted(np.asarray(self.edges), folded, side="right").astype(np.int64)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns that it depends on."""
+        return tuple(name for name in (self.column, self.beside) if name)
 
     @property
     def is_open(self) -> bool:
@@ -78,7 +87,7 @@ class Axis:
         """Values on rows; NaN inputs give 0 (nothing known, nothing corrected)."""
         if self.kind == "one":
             return np.ones(len(next(iter(features.values()))))
-        x = features[self.column]
+        x = features[self.column] + self.lean * features[self.beside] if self.beside else features[self.column]
         with np.errstate(all="ignore"):
             value = _function(self.kind, x, self)
         if np.isfinite(value).all():
@@ -88,7 +97,8 @@ class Axis:
     @property
     def text(self) -> str:
         """The function as it stands in an expression."""
-        c, m, w, a = self.column, f"{self.middle:.5g}", f"{self.width:.5g}", f"{self.at:.5g}"
+        c = f"({self.column} {self.lean:+.5g}*{self.beside})" if self.beside else self.column
+        m, w, a = f"{self.middle:.5g}", f"{self.width:.5g}", f"{self.at:.5g}"
         return {
             "one": "1", "ratio": f"{c}/{m}", "square": f"(({c} - {m})/{w})^2",
             "linear": f"({c} - {m})/{w}" if self.middle else f"{c}/{w}",
@@ -122,7 +132,7 @@ class LawTerm:
         """Product of the functions on so many rows; nil where a column is missing."""
         product = np.ones(rows)
         for axis in self.axes:
-            product = product * (axis(features) if axis.column in features or axis.kind == "one" else 0.0)
+            product = product * (axis(features) if axis.kind == "one" or _known(axis, features) else 0.0)
         return np.clip(product, -self.reach, self.reach)
 
     @property
@@ -186,6 +196,10 @@ class Law:
     def unit(self) -> str:
         """Unit of the coefficients."""
         return "1" if self.relative else unit_of(self.channel)
+
+
+def _known(axis: Axis, features: Features) -> bool:
+    return all(name in features for name in axis.columns)
 
 
 def _function(kind: str, x: FloatArray, axis: Axis) -> FloatArray:

@@ -71,7 +71,8 @@ class Basis:
     @property
     def columns(self) -> tuple[str, ...]:
         """Columns on which it depends."""
-        return tuple(dict.fromkeys(a.column for product in (self.axes, *self.waves) for a in product if a.column))
+        axes = (a for product in (self.axes, *self.waves) for a in product)
+        return tuple(dict.fromkeys(name for a in axes for name in a.columns))
 
     @property
     def count(self) -> int:

@@ -38,6 +38,7 @@ from arl_fixtures.reconcile.law_basis import (
 from arl_fixtures.reconcile.law_bits import MOST_BITS, of_bits, where_bits
 from arl_fixtures.reconcile.law_candidates import Candidates, shared_price, varied
 from arl_fixtures.reconcile.law_crossed import crossed_of
+from arl_fixtures.reconcile.law_lean import leant_of
 from arl_fixtures.reconcile.law_pixels import drifts_of
 from arl_fixtures.reconcile.law_waves import best_pair_wave, best_rings, best_wave
 from arl_fixtures.reconcile.law_work import Candidate, Work
@@ -59,6 +60,7 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
     """Candidates: every column alone; the leading ones also in pairs."""
     view = looker.problem.view
     signal = _signal(work)
+    units = looker.problem.groups.unit_columns
     pool = Candidates(work)
     ranked: dict[str, float] = {}
     simple: dict[str, list[Candidate]] = {}
@@ -68,7 +70,7 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
         category = not name.startswith(("~", "sim_")) and view.is_category(name)
         labels = view.labels(name) if category else ()
         extra = price_of((name,)) + shared_price(work, (name,))
-        numbered = name in looker.problem.groups.unit_columns  # a number of a zone is a name, not a size
+        numbered = name in units  # a number of a zone is a name, not a size
         bases = [
             Basis(axes=(axis,), price=PRICE_ONE + extra)
             for axis in axes_of(name, values, labels)
@@ -108,14 +110,16 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
         alone = [m.basis for n in names for m in pool.items if m.basis.columns == (n,) and not m.basis.waves][:80]
         pool.add(Basis(axes=(*b.axes, signal), prior=b.prior, price=b.price + 1.0) for b in alone)
     marks = marks_of(looker)
-    own = [mark for mark in marks if mark.column in looker.problem.groups.unit_columns]
+    own = [mark for mark in marks if mark.column in units]
     pool.add(_beating(work, own, signal))
     bits = pool.add(of_bits(work, looker, signal))
     pool.add(where_bits(work, sorted(bits, key=lambda m: -m.gain)[:MOST_BITS], names, simple))
     pool.add(_pairs(work, looker, names, simple))
+    told = [*leading, *(n for n in ranking if ranked[n] > -PRICE_ONE)]
+    sizes = [n for n in told if not is_proxy(n) and n not in units and not view.is_category(n)]
+    pool.add(leant_of(work, distinct(work, sizes)))
     pool.add(_moving(work, names, (*ORDERS, *view.temperatures()[:2])))
     lines = [m.basis.axes[0] for n in names for m in simple.get(n, []) if m.basis.axes[0].kind == "linear"]
-    units = looker.problem.groups.unit_columns
     numeric = [n for n in ranking if not (n in units or (not n.startswith(("~", "sim_")) and view.is_category(n)))]
     pool.add(bands_of(work, numeric, lines))
     pool.add(drifts_of(work, numeric))

@@ -61,7 +61,9 @@ def from_nil(work: Work, chosen: Chosen) -> Chosen:
         basis = term.basis
         lines = [axis for axis in basis.axes if axis.kind == "linear" and not work.is_shared((axis.column,))]
         others = tuple(axis for axis in basis.axes if axis not in lines)
-        if len(lines) != 1 or not others or basis.waves or not work.is_shared(tuple(a.column for a in others)):
+        if len(lines) != 1 or not others or basis.waves:
+            continue
+        if not work.is_shared(tuple(name for axis in others for name in axis.columns)):
             continue
         (line,) = lines
         for ratio in axes_of(line.column, work.features[line.column], ()):

@@ -137,7 +137,8 @@ def gain_of_others(looker: Looker, data: ChannelData, state: State, law: Chosen,
 def _told_columns(basis: Basis, data: ChannelData) -> list[str]:
     """Columns of a basis, but for the channel's own signal where it only turns a share into an amount."""
     axes = [axis for product in (basis.axes, *basis.waves) for axis in product]
-    return [a.column for a in axes if a.column and (a.kind != "inverse" or a.column != f"sim_{data.channel.name}")]
+    own = f"sim_{data.channel.name}"
+    return [name for a in axes for name in a.columns if a.kind != "inverse" or name != own]
 
 
 def _starts(looker: Looker, data: ChannelData) -> list[dict[str, float]]:
@@ -187,7 +188,8 @@ def _from_start(
     for axis in first.axes if len(chosen.terms) == 1 < len(first.axes) else ():
         if not axis.is_open and axis.kind != "one":
             axes = tuple(a for a in first.axes if a is not axis)
-            price = max(first.price - PRICE_FACTOR, PRICE_ONE + price_of(tuple(a.column for a in axes)))
+            columns = tuple(name for a in axes for name in a.columns)
+            price = max(first.price - PRICE_FACTOR, PRICE_ONE + price_of(columns))
             yield _settled(work, data, state, looker, [replace(first, axes=axes, price=price)])
 
 
@@ -206,7 +208,7 @@ def _settled(
     final.shared = all(work.shares(t.basis) for t in final.terms)
     law = law_of(final, data)
     for term in law.terms:
-        if len({axis.column for axis in term.axes}) > 1:
+        if len(term.axes) > 1:
             term.reach = REACH * float(np.max(np.abs(term.product(work.features, len(work.pick)))))
     return law, final
 
@@ -236,7 +238,7 @@ def law_of(chosen: Chosen, data: ChannelData) -> Law:
 def _strongest_first(looker: Looker, data: ChannelData, state: State, law: Law, chosen: Chosen) -> list[str]:
     """Columns of a law by what it would lose without them; those that only turn shares into amounts last."""
     axes = [axis for term in chosen.terms for axis in term.basis.axes]
-    first = [n for n in law.drivers if any(axis.column == n and axis.kind != "inverse" for axis in axes)]
+    first = [n for n in law.drivers if any(n in axis.columns and axis.kind != "inverse" for axis in axes)]
     features = {name: looker.features[name][data.use] for name in first}
     sim = state[data.channel.name][data.use] if law.relative else 1.0
     change = law.correction(looker.features, np.ones(looker.problem.view.n))[data.use]

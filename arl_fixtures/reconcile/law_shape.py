@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from arl_fixtures.reconcile.law import Axis, thresholds
 from arl_fixtures.reconcile.law_basis import Basis, folded
 from arl_fixtures.reconcile.law_candidates import Candidates
 from arl_fixtures.reconcile.law_fit import Chosen, joint
+from arl_fixtures.reconcile.law_lean import refined_leans
 from arl_fixtures.reconcile.law_work import Work
 
 PLACES = tuple(np.linspace(0.04, 0.96, 24))
@@ -35,14 +37,20 @@ def sharpened(work: Work, chosen: Chosen) -> Chosen:
                 continue
             left = joint(work, [t for k, t in enumerate(chosen.terms) if k != place]).left
             best, basis = chosen, chosen.terms[place].basis
-            placed = [replace(axis, at=at) for at in _places(work, axis.column)]
-            moved = [(*basis.axes[:number], other, *basis.axes[number + 1 :]) for other in placed]
-            for item in Candidates(work, left).add(replace(basis, axes=axes) for axes in moved):
+            moved = refined_leans(work, left, basis, number) if axis.beside else _moved(work, basis, number)
+            for item in Candidates(work, left).add(moved):
                 trial = joint(work, [*chosen.terms[:place], item, *chosen.terms[place + 1 :]])
                 if trial.held > max(best.held, chosen.held + LEAST_BETTER):
                     best = trial
             chosen = best
     return chosen
+
+
+def _moved(work: Work, basis: Basis, number: int) -> Iterator[Basis]:
+    """A basis with one of its kinks at other places."""
+    axis = basis.axes[number]
+    for at in _places(work, axis.column):
+        yield replace(basis, axes=(*basis.axes[:number], replace(axis, at=at), *basis.axes[number + 1 :]))
 
 
 def _tuned(work: Work, chosen: Chosen, place: int, column: str, period: float) -> Chosen:

@@ -73,6 +73,7 @@ class Work:
         if data.calibrated:
             self._power = np.maximum(np.bincount(self.unit, self._constant**2), 1e-300)
             self._units = Shared(self.unit, self._constant, len(self._power))
+        self.bare = self._root_weight * data.residual(state)[pick]
         self.residual = self.whiten(data.residual(state)[pick])
         self.step = next(
             (level.code for level in levels if level.name == "step"), np.zeros(len(pick), dtype=np.int64)
@@ -109,7 +110,7 @@ class Work:
             phase = np.nan_to_num(2.0 * np.pi * self.features[axis.column] / axis.at)
             if not all(_is_steady(wave(phase), self.step) for wave in (np.sin, np.cos)):
                 return False
-        return self.is_shared([axis.column for axis in axes if axis not in turning])
+        return self.is_shared([name for axis in axes if axis not in turning for name in axis.columns])
 
     def levels_of(self, column: str) -> IntArray | None:
         """Folds that keep equal (or, of very many, neighbouring) values of a column together; None for few values."""

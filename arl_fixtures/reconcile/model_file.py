@@ -46,13 +46,15 @@ class EffectFile(FileModel):
 
 
 class AxisFile(FileModel):
-    """A function of one column."""
+    """A function of one column, or of one that leans on another."""
 
     column: str
     kind: str
     middle: float = 0.0
     width: float = 1.0
     at: float = 0.0
+    beside: str = ""
+    lean: float = 0.0
     label: str = ""
     edges: list[float] = Field(default_factory=list)
     values: list[float] = Field(default_factory=list)
@@ -169,8 +171,8 @@ def _field_file(per: tuple[str, ...], levels: dict[tuple[str, ...], float]) -> F
 
 def _axis_file(a: Axis) -> AxisFile:
     return AxisFile(
-        column=a.column, kind=a.kind, middle=a.middle, width=a.width, at=a.at, label=a.label, edges=list(a.edges),
-        values=list(a.values),
+        column=a.column, kind=a.kind, middle=a.middle, width=a.width, at=a.at, beside=a.beside, lean=a.lean,
+        label=a.label, edges=list(a.edges), values=list(a.values),
     )  # fmt: skip
 
 

@@ -130,7 +130,7 @@ def corrected_state(model: ModelFile, terms: list[Term], view: View) -> State:
     if laws:
         features = features_of(view)
         for law in laws:
-            needed = {a.column for t in law.terms for a in t.axes if a.column} | set(law.binned_names)
+            needed = {name for t in law.terms for a in t.axes for name in a.columns} | set(law.binned_names)
             needed |= {c for n in needed & set(MADE_OF) for c in MADE_OF[n]}
             needed |= {played(n) for n in needed if played(n)}
             missing = sorted(n for n in needed if n not in features and not n.startswith("~"))
@@ -179,6 +179,6 @@ def _constants_on_rows(model: ModelFile, constants: dict[str, float], view: View
 
 def _axis_of(a: AxisFile) -> Axis:
     return Axis(
-        column=a.column, kind=a.kind, middle=a.middle, width=a.width, at=a.at, label=a.label, edges=tuple(a.edges),
-        values=tuple(a.values),
+        column=a.column, kind=a.kind, middle=a.middle, width=a.width, at=a.at, beside=a.beside, lean=a.lean,
+        label=a.label, edges=tuple(a.edges), values=tuple(a.values),
     )  # fmt: skip

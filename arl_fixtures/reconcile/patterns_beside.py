@@ -101,7 +101,7 @@ def _shadows(decision: Decision, law: Law, pattern: Pattern) -> bool:
     if alone is None:
         return False
     numbers = PIXEL_COLUMNS | {PIXEL, *FIELD_COLUMNS}  # a table over these is the pattern in other words
-    of_more = [t for t in alone.terms if not {a.column for a in t.axes} <= numbers]
+    of_more = [t for t in alone.terms if not {name for a in t.axes for name in a.columns} <= numbers]
     if len(of_more) < len(alone.terms):
         alone = replace(alone, terms=of_more, trees=[])
     add = alone.correction(decision.found.looker.features, state[law.channel])

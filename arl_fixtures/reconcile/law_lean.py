@@ -1,0 +1,120 @@
+"""Steps and hinges whose place moves with a second column: of a sum of two columns rather than of one.
+
+A laser hops between modes at a temperature of its junction, which lies above its mount's by what the current heats;
+dew falls where a window is colder than moist air allows. Over each column alone such a step is blurred.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.law import Axis
+from arl_fixtures.reconcile.law_basis import PRICE_ONE, PRICE_PRODUCT, Basis, price_of
+from arl_fixtures.reconcile.law_candidates import Candidates, shared_price
+from arl_fixtures.reconcile.law_work import Work
+
+PRICE_LEAN = 5.0
+"""Further price of a step or hinge for one of many leans."""
+MOST_SIZES = 5
+"""Leading columns whose pairs are tried."""
+LEANS = (0.08, 0.2, 0.5, 1.0, 2.0, 5.0)
+"""How far a step moves along the whole of the second column, in spans of its own."""
+LEAST_SIDE = 0.02
+"""Share of the rows that must lie on either side of a step."""
+FEWEST_STEPS = 16
+"""Steps from which columns that are steady within steps may be added: few are parted any way by a sum of two."""
+HINGES = (0.3, 0.5, 0.7)
+"""Shares of the rows at which a hinge along the likeliest lean is tried."""
+PLACES = tuple(np.linspace(-0.12, 0.12, 9))
+"""Shares of the rows by which more or fewer may lie beyond a step that leans."""
+FINER = ((0.5, 1.0), (0.2, 0.4), (0.08, 0.12))
+"""Relative change of a lean, and part of `PLACES`, within which it is refined."""
+
+
+def leant_of(work: Work, names: Sequence[str]) -> Iterator[Basis]:
+    """For each pair of columns the step that parts what is left best, and hinges that lean as it does.
+
+    Args:
+        work: the rows; names: sizes, those that tell most first.
+    """
+    for first, second in combinations(names[:MOST_SIZES], 2):
+        if work.is_shared((first, second)) and np.unique(work.step).size < FEWEST_STEPS:
+            continue
+        columns = (first, second)
+        price = PRICE_ONE + PRICE_PRODUCT + PRICE_LEAN + price_of(columns) + shared_price(work, columns)
+        for best in _best_steps(work, first, second):
+            yield Basis(axes=(best,), price=price)
+            values = np.sort(_argument(work, best))
+            for kind in ("above", "below"):
+                for at in _between(values, HINGES):
+                    yield Basis(axes=(replace(best, kind=kind, at=at),), price=price)
+
+
+def refined_leans(work: Work, left: FloatArray, basis: Basis, number: int) -> Iterator[Basis]:
+    """A basis with other leans and places of one of its axes, ever finer ones near the likeliest.
+
+    Args:
+        work: the rows; left: what the other terms leave.
+        basis: with an axis that leans; number: of the axis.
+    """
+    best = basis
+    for change, part in FINER:
+        now = best.axes[number]
+        share = float(np.mean(_argument(work, now) <= now.at))
+        ranks = np.clip([share + part * more for more in PLACES], LEAST_SIDE, 1.0 - LEAST_SIDE)
+        leans = [replace(now, lean=now.lean * (1.0 + more)) for more in np.linspace(-change, change, 9)]
+        axes = [replace(a, at=at) for a in leans for at in _between(np.sort(_argument(work, a)), ranks)]
+        bases = [replace(best, axes=(*best.axes[:number], a, *best.axes[number + 1 :])) for a in (now, *axes)]
+        best = max(Candidates(work, left).add(bases), key=lambda item: item.gain).basis
+    yield best
+
+
+def _best_steps(work: Work, first: str, second: str) -> Iterator[Axis]:
+    """For each lean the step over two columns with the largest drop in the sum of squares, if no rows shared errors.
+
+    Whitened, what steps differ by counts for little: it says where a step may lie, and its evidence whether it does.
+    """
+    x, y = work.features[first], work.features[second]
+    good = np.isfinite(x) & np.isfinite(y)
+    if good.sum() < 2 or not (np.ptp(x[good]) > 0.0 and np.ptp(y[good]) > 0.0):
+        return
+    power, score = work.direction[good] ** 2, (work.direction * work.bare)[good]
+    spans = float(np.ptp(x[good]) / np.ptp(y[good]))
+    middle, width = float(0.5 * (x[good].min() + x[good].max())), float(np.ptp(x[good]))
+    side = int(LEAST_SIDE * int(good.sum())) + 1
+    for lean in (sign * part * spans for part in LEANS for sign in (1.0, -1.0)):
+        value = (x + lean * y)[good]
+        order = np.argsort(value, kind="stable")
+        parted = np.diff(value[order]) > 0.0
+        parted[:side], parted[len(parted) - side :] = False, False
+        if parted.any():
+            drop = _drop(power[order], score[order], calibrated=work.data.calibrated)
+            k = int(np.argmax(np.where(parted, drop, -1.0)))
+            at = float(0.5 * (value[order[k]] + value[order[k + 1]]))
+            yield Axis(column=first, beside=second, lean=lean, kind="step", middle=middle, width=width, at=at)
+
+
+def _drop(power: FloatArray, score: FloatArray, *, calibrated: bool) -> FloatArray:
+    """Drop of the sum of squares by a step behind each of the ordered rows but the last, beside a free constant."""
+    below, pull = np.cumsum(power)[:-1], np.cumsum(score)[:-1]
+    above, push = power.sum() - below, score.sum() - pull
+    whole = np.maximum(above, 1e-300)
+    if not calibrated:
+        return np.asarray(push**2 / whole)
+    return np.asarray((push * below - pull * above) ** 2 / np.maximum(below * whole * power.sum(), 1e-300))
+
+
+def _between(values: FloatArray, ranks: Sequence[float] | FloatArray) -> Iterator[float]:
+    """Places halfway between neighbouring values at these shares of sorted rows."""
+    for rank in ranks:
+        k = min(int(rank * len(values)), len(values) - 2)
+        yield float(0.5 * (values[k] + values[k + 1]))
+
+
+def _argument(work: Work, axis: Axis) -> FloatArray:
+    return np.nan_to_num(work.features[axis.column] + axis.lean * work.features[axis.beside])
