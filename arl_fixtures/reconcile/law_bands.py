@@ -31,7 +31,7 @@ MOST_LINES = 3
 
 
 @dataclass(frozen=True, slots=True)
-class _Parted:
+class Parted:
     """A column parted into levels: edges between them, and the level of each row (−1 where it is not known)."""
 
     name: str
@@ -49,20 +49,20 @@ def bands_of(work: Work, names: Sequence[str], lines: Sequence[Axis]) -> Iterato
     """
     # between two ratios of neighbours lies a handful of places, and others where other angles are looked at
     names = [name for name in names if not name.startswith(OF_NEIGHBOURS)]
-    parted = {name: part for name in {*names, *(n for pair in SIDES for n in pair)} if (part := _parted(work, name))}
+    levels = {name: part for name in {*names, *(n for pair in SIDES for n in pair)} if (part := _parted(work, name))}
     factors: list[Axis | None] = [None, *lines[:MOST_LINES]]
-    sides = next((pair for pair in SIDES if all(n in parted for n in pair)), ())
-    boxes = _Boxes(parted[sides[0]], parted[sides[1]]) if sides else None
+    sides = next((pair for pair in SIDES if all(n in levels for n in pair)), ())
+    boxes = _Boxes(levels[sides[0]], levels[sides[1]]) if sides else None
     for line in factors:
         direction = work.direction * (1.0 if line is None else line(work.features))
         more, price = ((line,), PRICE_PRODUCT) if line is not None else ((), 0.0)
         for name in names:
-            if name not in parted or (line is not None and line.column == name):
+            if name not in levels or (line is not None and line.column == name):
                 continue
-            band = _best(parted[name], direction, work.residual)
+            band = best_band(levels[name], direction, work.residual)
             if band is not None:
                 extra = price_of((name, *(a.column for a in more)))
-                yield Basis(axes=(_axis(parted[name], band), *more), price=PRICE_BAND + price + extra)
+                yield Basis(axes=(band_axis(levels[name], band), *more), price=PRICE_BAND + price + extra)
         if boxes is not None and (line is None or line.column not in sides):
             box = boxes.best(direction, work.residual)
             if box is not None:
@@ -71,10 +71,12 @@ def bands_of(work: Work, names: Sequence[str], lines: Sequence[Axis]) -> Iterato
                 yield Basis(axes=(*box, *more), price=chosen + price + extra)
 
 
-def _parted(work: Work, name: str) -> _Parted | None:
-    x = work.features.get(name)
-    if x is None:
-        return None
+def _parted(work: Work, name: str) -> Parted | None:
+    return parted(name, work.features[name]) if name in work.features else None
+
+
+def parted(name: str, x: FloatArray) -> Parted | None:
+    """A column in levels, its own or of about as many rows each; None where it has too few."""
     good = np.isfinite(x)
     levels = np.unique(x[good])
     if len(levels) < LEAST_LEVELS:
@@ -86,10 +88,10 @@ def _parted(work: Work, name: str) -> _Parted | None:
     if len(cuts) < LEAST_LEVELS - 1:
         return None
     code = np.where(good, np.searchsorted(cuts, x, side="right"), -1)
-    return _Parted(name, np.asarray(cuts, dtype=np.float64), code.astype(np.int64))
+    return Parted(name, np.asarray(cuts, dtype=np.float64), code.astype(np.int64))
 
 
-def _best(part: _Parted, direction: FloatArray, residual: FloatArray) -> tuple[int, int] | None:
+def best_band(part: Parted, direction: FloatArray, residual: FloatArray) -> tuple[int, int] | None:
     """Levels from and up to which a constant explains most; it ends before the column does, as else it is a step.
 
     Args:
@@ -118,7 +120,7 @@ def _running(code: IntArray, values: FloatArray, count: int) -> FloatArray:
 class _Boxes:
     """All boxes of two columns that are proper bands of both: their sums, and which one holds together best."""
 
-    def __init__(self, one: _Parted, other: _Parted) -> None:
+    def __init__(self, one: Parted, other: Parted) -> None:
         self._parted = one, other
         self._there = (one.code >= 0) & (other.code >= 0)
         self._shape = len(one.cuts) + 1, len(other.cuts) + 1
@@ -139,7 +141,7 @@ class _Boxes:
         if not gain[best] > 0.0:
             return None
         a, b = ((int(first[k]), int(last[k])) for (first, last), k in zip(self._bands, best, strict=True))
-        return _axis(self._parted[0], a), _axis(self._parted[1], b)
+        return band_axis(self._parted[0], a), band_axis(self._parted[1], b)
 
     def _sums(self, values: FloatArray) -> FloatArray:
         """Of values of rows, over every box: (bands of the one, bands of the other)."""
@@ -159,6 +161,7 @@ def _pairs(count: int) -> tuple[IntArray, IntArray]:
     return first[proper], last[proper]
 
 
-def _axis(part: _Parted, band: tuple[int, int]) -> Axis:
+def band_axis(part: Parted, band: tuple[int, int]) -> Axis:
+    """The function that is 1 in levels of a column, from the one up to before the other, and 0 elsewhere."""
     edges = np.concatenate([[-np.inf], part.cuts, [np.inf]])
     return Axis(column=part.name, kind="band", edges=(float(edges[band[0]]), float(edges[band[1]])))

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.law import Axis
+from arl_fixtures.reconcile.law_bands import PRICE_BAND, band_axis, best_band, parted
 from arl_fixtures.reconcile.law_basis import PRICE_ONE, PRICE_PRODUCT, Basis, price_of
 from arl_fixtures.reconcile.law_candidates import Candidates, shared_price
 from arl_fixtures.reconcile.law_work import Work
@@ -37,7 +38,7 @@ FINER = ((0.5, 1.0), (0.2, 0.4), (0.08, 0.12))
 
 
 def leant_of(work: Work, names: Sequence[str]) -> Iterator[Basis]:
-    """For each pair of columns the step that parts what is left best, and hinges that lean as it does.
+    """For each pair of columns and each lean the step and the band that part what is left best, and some hinges.
 
     Args:
         work: the rows; names: sizes, those that tell most first.
@@ -49,10 +50,15 @@ def leant_of(work: Work, names: Sequence[str]) -> Iterator[Basis]:
         price = PRICE_ONE + PRICE_PRODUCT + PRICE_LEAN + price_of(columns) + shared_price(work, columns)
         for best in _best_steps(work, first, second):
             yield Basis(axes=(best,), price=price)
-            values = np.sort(_argument(work, best))
+            values = _argument(work, best)
             for kind in ("above", "below"):
-                for at in _between(values, HINGES):
+                for at in _between(np.sort(values), HINGES):
                     yield Basis(axes=(replace(best, kind=kind, at=at),), price=price)
+            levels = parted(first, values)
+            band = best_band(levels, work.direction, _freed(work)) if levels else None
+            if levels and band:
+                edges = band_axis(levels, band).edges
+                yield Basis(axes=(replace(best, kind="band", edges=edges),), price=price + PRICE_BAND - PRICE_ONE)
 
 
 def refined_leans(work: Work, left: FloatArray, basis: Basis, number: int) -> Iterator[Basis]:
@@ -65,13 +71,35 @@ def refined_leans(work: Work, left: FloatArray, basis: Basis, number: int) -> It
     best = basis
     for change, part in FINER:
         now = best.axes[number]
-        share = float(np.mean(_argument(work, now) <= now.at))
-        ranks = np.clip([share + part * more for more in PLACES], LEAST_SIDE, 1.0 - LEAST_SIDE)
-        leans = [replace(now, lean=now.lean * (1.0 + more)) for more in np.linspace(-change, change, 9)]
-        axes = [replace(a, at=at) for a in leans for at in _between(np.sort(_argument(work, a)), ranks)]
-        bases = [replace(best, axes=(*best.axes[:number], a, *best.axes[number + 1 :])) for a in (now, *axes)]
+        axes = [now]
+        for more in np.linspace(-change, change, 9):
+            leant = replace(now, lean=now.lean * (1.0 + more))
+            axes += _moved(leant, np.sort(_argument(work, leant)), _argument(work, now), now, part)
+        bases = [replace(best, axes=(*best.axes[:number], a, *best.axes[number + 1 :])) for a in axes]
         best = max(Candidates(work, left).add(bases), key=lambda item: item.gain).basis
     yield best
+
+
+def _moved(leant: Axis, values: FloatArray, before: FloatArray, now: Axis, part: float) -> Iterator[Axis]:
+    """An axis with its edge, or both edges of a band, at about as many rows as they had before it leant otherwise."""
+    ranks = [
+        np.clip([float(np.mean(before <= edge)) + part * more for more in PLACES], LEAST_SIDE, 1.0 - LEAST_SIDE)
+        for edge in (now.edges or (now.at,))
+    ]  # fmt: skip
+    if not now.edges:
+        yield from (replace(leant, at=at) for at in _between(values, ranks[0]))
+        return
+    for low, high in product(*(tuple(_between(values, r[::2])) for r in ranks)):
+        if low < high:
+            yield replace(leant, edges=(low, high))
+
+
+def _freed(work: Work) -> FloatArray:
+    """What is left, weighted as if no rows shared errors, beside the constant where one is free."""
+    if not work.data.calibrated:
+        return work.bare
+    power = max(float(work.direction @ work.direction), 1e-300)
+    return np.asarray(work.bare - work.direction * float(work.direction @ work.bare) / power)
 
 
 def _best_steps(work: Work, first: str, second: str) -> Iterator[Axis]:

@@ -31,6 +31,7 @@ from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.stated import surprise_shared
 
+Trial = tuple[Law, Chosen]
 MOST_PASSES = 3
 STEP_SHARES = (0.3, 0.1)
 """Shares of the steps' scatter from which the search starts anew."""
@@ -85,7 +86,7 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
     law, chosen = law_of(Chosen(), data), Chosen()
     shared = surprise_shared(looker.problem.view, data.channel, data.use)
     for tau in _starts(looker, data):
-        for trial, found in _from_start(looker, data, state, leading, tau):
+        for trial, found in _that_work(looker, data, _from_start(looker, data, state, leading, tau)):
             if not found.terms:
                 continue
             _measure(trial, found, data, state, looker, before, shared)
@@ -97,6 +98,14 @@ def search_law(looker: Looker, data: ChannelData, state: State, leading: Sequenc
                 break  # what it says needs not be said more simply
     law.drivers = _strongest_first(looker, data, state, law, chosen)
     return law, chosen
+
+
+def _that_work(looker: Looker, data: ChannelData, trials: Iterator[Trial]) -> Iterator[Trial]:
+    """Trials up to one that cannot be reckoned: it costs what it would have found, not the answer."""
+    try:
+        yield from trials
+    except (ArithmeticError, LookupError, ValueError) as error:  # of numpy's, LinAlgError is a ValueError
+        looker.failed[f"law of {data.channel.name}"] = f"a search was given up: {type(error).__name__}: {error}"
 
 
 def _measure(
@@ -163,7 +172,7 @@ def _starts(looker: Looker, data: ChannelData) -> list[dict[str, float]]:
 def _from_start(
     looker: Looker, data: ChannelData, state: State, leading: Sequence[str],
     tau: dict[str, float],
-) -> Iterator[tuple[Law, Chosen]]:  # fmt: skip
+) -> Iterator[Trial]:  # fmt: skip
     """What is found with these scatters, and a single term of several factors without one of them."""
     law, chosen = law_of(Chosen(), data), Chosen()
     for _ in range(MOST_PASSES):

@@ -33,7 +33,7 @@ def sharpened(work: Work, chosen: Chosen) -> Chosen:
         if term.basis.waves:
             continue
         for number, axis in enumerate(term.basis.axes):
-            if axis.kind not in KINKED:
+            if axis.kind not in KINKED and not axis.beside:
                 continue
             left = joint(work, [t for k, t in enumerate(chosen.terms) if k != place]).left
             best, basis = chosen, chosen.terms[place].basis
@@ -62,10 +62,11 @@ def _tuned(work: Work, chosen: Chosen, place: int, column: str, period: float) -
         now = chosen.terms[place].basis
         lengths = [span / max(span / period + more, 1.0 / 3.0) for more in turns]
         items = Candidates(work, left).add([now, *(_of_length(now, column, period, other) for other in lengths)])
-        own, best = items[0], max(items, key=lambda item: item.gain)
+        own = items[0]
+        best, length = max(zip(items, [period, *lengths], strict=True), key=lambda pair: pair[0].gain)
         trial = joint(work, [*chosen.terms[:place], best, *chosen.terms[place + 1 :]])
         if best.gain > own.gain + LONGER and trial.held > chosen.held - LEAST_BETTER:
-            chosen, period = trial, dict(_periods(best.basis))[column]
+            chosen, period = trial, length
     return chosen
 
 

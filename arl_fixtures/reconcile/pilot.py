@@ -79,6 +79,7 @@ class Looker:
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
+        self.failed: dict[str, str] = {}
         self.features = features_of(problem.view)
         if not (problem.view.varies("azimuth_deg") and problem.view.varies("stage_angle_deg")):
             for name in BEARING_SIGNS:  # the other one of the two says the same

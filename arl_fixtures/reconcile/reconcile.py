@@ -46,7 +46,7 @@ def diagnose(
         sha256=sha256, rows=columns.n if rows is None else rows,
         channels=[d.channel.name for d in found.problem.data],
         false_alarm_probability=_chance_of(found, decision), findings=findings, fit=fits, constants=constants,
-        notes={**columns.ignored, **search.failed}, lines=search.lines,
+        notes={**columns.ignored, **search.failed, **found.looker.failed}, lines=search.lines,
     )  # fmt: skip
     relative = tuple(
         d.channel.name for d in found.problem.data if d.channel.role in {Role.INTENSITY, Role.SCATTER}

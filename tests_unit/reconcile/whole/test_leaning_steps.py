@@ -55,3 +55,27 @@ def test_a_step_over_one_column_does_not_lean(tmp_path, save):
 
 def test_a_diode_of_one_mode_is_as_simulated(tmp_path, save):
     assert reconcile(save(tmp_path / "table.parquet", diode(1, 15.0, loss=0.0)[0]), tmp_path / "out").findings == []
+
+
+def test_a_band_leans_too(tmp_path, save):
+    """The middle one of three modes lases where mount and current bring the junction between two temperatures."""
+    rng = np.random.default_rng(5)
+    settings = 26
+    mount, current = rng.choice([20.0, 28.0, 32.0, 48.0, 52.0], settings), rng.uniform(0.06, 0.105, settings)
+    junction = mount + 700.0 * (current - 0.06)
+    combs = np.array([[8.6], [10.0], [11.6]]) + 0.07 * junction
+    middle = np.argmin(np.abs(combs - 0.27 * junction), axis=0) == 1
+    step, row = (a.ravel() for a in np.meshgrid(np.arange(settings), np.arange(60), indexing="ij"))
+    simulated = 300.0 + 40.0 * row
+    bench = 0.002 * simulated
+    columns = {
+        "step": step, "laser_temperature_c": mount[step] + rng.normal(0.0, 0.05, settings)[step],
+        "laser_current_a": current[step], "rail_3v3_v": 3.3 + rng.normal(0.0, 0.002, settings)[step],
+        "sim_intensity_counts": simulated, "sim_intensity_counts_std": np.sqrt(simulated),
+        "sim_intensity_counts_repeat_std": bench, "n_frames": np.full(step.size, FRAMES),
+        "intensity_counts": simulated * np.where(middle[step], 0.985, 1.0) + bench * rng.normal(size=settings)[step]
+        + np.sqrt(simulated) / np.sqrt(FRAMES) * rng.normal(size=step.size),
+    }  # fmt: skip
+    found = reconcile(save(tmp_path / "table.parquet", columns), tmp_path / "out").findings
+    assert [f.effect for f in found] == ["unknown"]
+    assert set(found[0].drivers) == {"laser_temperature_c", "laser_current_a"}
