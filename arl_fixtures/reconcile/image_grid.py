@@ -66,6 +66,16 @@ class ImageGrid:
         """Whether its images are few and full enough to be held as such."""
         return self._cells <= _DENSE_CELLS
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the raster that all images share."""
+        return self._height, self._width
+
+    @property
+    def fullness(self) -> float:
+        """Share of the raster's cells that the table has rows of."""
+        return float(np.mean(self._dense() >= 0))
+
     def blurred(self, values: FloatArray, width_px: float) -> FloatArray:
         """A column of the whole table through a Gaussian over the pixels of each image, of those that it holds."""
         images = self._dense().reshape(-1, self._height, self._width)

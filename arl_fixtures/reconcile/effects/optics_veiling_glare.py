@@ -9,6 +9,7 @@ import numpy as np
 from arl_fixtures.reconcile.effect import Effect, Option, Parameter, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import GROUPS, amplitude, light_channels, rounded, shape, signals
 from arl_fixtures.reconcile.effects_frame import add_stray_light, frame_range, has_frames, ranged_by
+from arl_fixtures.reconcile.effects_halo import NEAREST_PX, halo, widest_halo
 from arl_fixtures.reconcile.effects_image import whole_image
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
@@ -28,6 +29,7 @@ def _is_strewn(view: View) -> bool:
 class VeilingGlare(Effect):
     """I' = (1 − share)·I + share·mean(I of the image); the distance moves towards the image's mean range.
 
+    Of whole images also with a halo's light instead of the mean: what scatters in a lens falls off about its source.
     Of an image of which the table holds few pixels, also with the mean over the sweep: as it turns they see what the
     whole image sees at once.
     """
@@ -52,8 +54,13 @@ class VeilingGlare(Effect):
                 low, high = view.span(f"sim_{moved[0]}")
                 far = shape("far", unit_of(moved[0]), low, high, low + 0.75 * (high - low))
                 overs.append(({"over": "scene", "light": light}, (far,)))
+            widest = widest_halo(view)
+            if overs and widest > 2.0 * NEAREST_PX:
+                reach = shape("reach", "px", NEAREST_PX, widest, 2.0 * NEAREST_PX, widest)
+                overs.append(({"over": "halo"}, (*pull, reach)))
             if moved:  # the distances tell of light whose mean was taken for the signal's zero
-                overs += [({**over, "zero": light}, shapes) for over, shapes in overs if over.get("over") != "sweep"]
+                known = [(over, shapes) for over, shapes in overs if over.get("over") not in ("sweep", "halo")]
+                overs += [({**over, "zero": light}, shapes) for over, shapes in known]
             for over, shapes in overs:
                 yield Variant(
                     effect=self.id,
@@ -75,6 +82,13 @@ class VeilingGlare(Effect):
                 pull=1.0,
                 kept=1.0 - share,
                 zero=zero,
+            )  # fmt: skip
+            return
+        if variant.options.get("over") == "halo":
+            light, far = halo(view, state, channel, ranged_by(view, channel), float(values["reach"]))
+            add_stray_light(
+                view, state, channel, stray=share * light, far=far, pull=float(values.get("pull", 0.0)),
+                kept=1.0 - share,
             )  # fmt: skip
             return
         over, whole = "frame", whole_image(view)
@@ -106,6 +120,12 @@ class VeilingGlare(Effect):
                 f"{channel} = (1 - share) * {channel} + share * {variant.options['light']}{zero}; "
                 "distance += (share of stray light) * (far - distance)"
             )
+        if over == "halo":
+            about = f"{channel} within `reach` pixels by a Gaussian"
+            return (
+                f"{channel} = (1 - share) * {channel} + share * mean({about}); "
+                "distance += pull * (share of stray light) * (its mean distance - distance)"
+            )
         return (
             f"{channel} = (1 - share) * {channel} + share * mean({channel} of the {over}){zero}; "
             "distance += pull * (share of stray light) * (mean distance of the image - distance)"
@@ -113,6 +133,11 @@ class VeilingGlare(Effect):
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """The share in percent."""
+        if "reach" in values:
+            return (
+                f"{values['share'] * 100:.2f} % of the light is scattered about its place, by {values['reach']:.1f} "
+                "pixels (standard deviation), and veils what is dark there."
+            )
         return (
             f"{values['share'] * 100:.2f} % of the light is scattered over the whole image and veils its dark parts."
         )
