@@ -13,6 +13,7 @@ import numpy as np
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import Effect, Kind, State, Variant
+from arl_fixtures.reconcile.effects_common import pure_rows
 from arl_fixtures.reconcile.followed import condition_of
 from arl_fixtures.reconcile.noise import Level
 from arl_fixtures.reconcile.problem import Problem
@@ -80,6 +81,21 @@ def _rows_own(data: ChannelData, level: Level, state: State) -> float:
     return float(np.sqrt(max(np.mean(found[several] / (1.0 - taken[several])), 1.0)))
 
 
+def _gain_away_from_edges(problem: Problem, data: ChannelData, index: int, state: State) -> float:
+    """What the scatter of a level gains in rows that see one surface; infinite where none is said to see more.
+
+    A stage that stands a little beside its position moves what edges tell, image by image, and no signal within them.
+    """
+    inside = np.flatnonzero(pure_rows(problem.view)[problem.view.rows[data.use]])
+    if len(inside) == len(data.use) or not len(inside):
+        return np.inf
+    part = data.part(inside)
+    level = part.levels[index]
+    inner = {lv.name: data.tau.get(lv.name, 0.0) for lv in part.levels[:index]}
+    partial = Whitener(part.root_weight, part.levels[: index + 1], {**inner, level.name: level.floor})
+    return part.level_scatter(part.residual(state), replace(level, declared=False), partial)[1]
+
+
 def find_scatter(problem: Problem, effects: Sequence[Effect], state: State) -> list[Scatter]:
     """Group scatter that the table's declarations do not cover, the strongest first."""
     found = []
@@ -112,6 +128,8 @@ def _scatter_of(
     tau, gain = data.level_scatter(data.residual(state), asked, partial)
     if group == "frame" and gain >= SCATTER_GAIN:
         gain = data.level_scatter(data.residual(state) / _rows_own(data, level, state), asked, partial)[1]
+    if group != "step" and gain >= SCATTER_GAIN:
+        gain = min(gain, _gain_away_from_edges(problem, data, index, state))
     declared = any(lv.declared for lv in data.levels)
     size = tau * float(np.median(level.scale))
     if gain < SCATTER_GAIN or (level.floor > 0 and (tau < 1.4 or not level.declared)):
