@@ -19,7 +19,7 @@ from arl_fixtures.reconcile.effect import Effect, State
 from arl_fixtures.reconcile.findings import law_finding, named_finding, ordered, pattern_finding, scatter_finding
 from arl_fixtures.reconcile.fit import Fit, finish, fit
 from arl_fixtures.reconcile.free_constants import constant_z
-from arl_fixtures.reconcile.gate import drop_fallen
+from arl_fixtures.reconcile.gate import drop_fallen, drop_needless
 from arl_fixtures.reconcile.held_out import held_out_without, mean_square
 from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.one_cause import join_readouts
@@ -77,7 +77,7 @@ class Decision:
             self.look()
         self._tell_units_apart()
         find_laws(self)
-        if drop_shadowed(self):
+        if drop_needless(self) or drop_shadowed(self):
             self.laws = []
             self.look()
             find_laws(self)
@@ -119,9 +119,9 @@ class Decision:
         """Accepted effects, patterns included."""
         return (*self.best.terms, *(p.term for p in self.patterns))
 
-    def final_state(self) -> State:
-        """Corrected simulation of the problem's rows with effects, patterns and laws."""
-        state = forward(self.terms, self.problem.view)
+    def final_state(self, without: Term | None = None) -> State:
+        """Corrected simulation of the problem's rows with effects (or all but one), patterns and laws."""
+        state = forward([t for t in self.terms if t is not without], self.problem.view)
         for law in self.laws:
             add = law.correction(self.found.looker.features, state[law.channel])
             state[law.channel] = state[law.channel] + add

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from arl_fixtures.reconcile.acceptance import TWIN_GAIN, worth
+from arl_fixtures.reconcile.acceptance import PRICE, TWIN_GAIN, worth
 from arl_fixtures.reconcile.consequences import read_alike
 from arl_fixtures.reconcile.fit import finish, fit
 from arl_fixtures.reconcile.law import Law
@@ -24,6 +24,8 @@ from arl_fixtures.reconcile.terms import Term, default_values, forward
 if TYPE_CHECKING:
     from arl_fixtures.reconcile.decide import Decision
 
+LEAST_BESIDE = 5.0
+"""Log-likelihood, less its price, that a name must gain beside the law of what else is in its channel."""
 LEAST_OUTSIDE = 4.0
 """Log-likelihood that a name must gain in channels where it stands, to stand though it does not in others."""
 
@@ -60,6 +62,28 @@ def drop_fallen(decision: Decision) -> bool:
     decision.best = decision.search.prune(decision.best, decision.found.screening)
     _with_patterns_anew(decision)
     return True
+
+
+def drop_needless(decision: Decision) -> bool:
+    """Drop names that tell next to nothing beside the laws of their channels, whose change they had a little of.
+
+    Tells whether any fell: the laws are then to be found anew.
+    """
+    lawful = {law.channel for law in decision.laws}
+    acting = [t for t in decision.best.terms if lawful & set(t.variant.channels)]
+    needless = [t for t in acting if _gain_beside_laws(decision, t) < LEAST_BESIDE]
+    if not needless:
+        return False
+    decision.keep([t for t in decision.best.terms if t not in needless])
+    return True
+
+
+def _gain_beside_laws(decision: Decision, term: Term) -> float:
+    """What a name gains beside all else that was found, less the price of its parameters."""
+    own, rest = decision.final_state(), decision.final_state(without=term)
+    changed = [d for d in decision.problem.data if own[d.channel.name] is not rest[d.channel.name]]
+    gains = (d.fit_scatter(d.residual(own))[0] - d.fit_scatter(d.residual(rest))[0] for d in changed)
+    return sum(gains) - PRICE * len(term.free())
 
 
 def _widen(decision: Decision, kept: Sequence[Term]) -> bool:
