@@ -39,11 +39,13 @@ class Axis:
     Attributes:
         column: feature name (see `features_of`).
         kind: `linear`, `ratio` (to the middle: nil at nil), `square`, `size` (without its sign), `above`, `below`
-            (hinges), `step`, `band` (1 between two edges, else 0), `exp`, `inverse`, `log`, `sin`, `cos`, `parity`,
-            `is` (a category), `bit` (whether a code has it set), `table` (one value per bin), `curve` (straight lines
-            between knots), `rings` (sine) and `ring_cos` of an angle (see `ring_of`), `one`.
+            (hinges), `step`, `band` (1 between two edges, else 0), `peak` (of a resonance: 1 at its place), `exp`,
+            `inverse`, `log`, `sin`, `cos`, `parity`, `is` (a category), `bit` (whether a code has it set), `table`
+            (one value per bin), `curve` (straight lines between knots), `rings` (sine) and `ring_cos` of an angle
+            (see `ring_of`), `one`.
         middle, width: the ratio is (x − middle) / width.
-        at: knot or period in the column's unit, angle at which a ring ends, weight of a bit, or number of a category.
+        at: knot, place or period in the column's unit, angle at which a ring ends, weight of a bit, or number of a
+            category.
         beside, lean: second column of a hinge or step whose place moves with it: then of x + lean · y, lean
             in the column's unit per that of the second.
         label: category label of `is`; `OF_LABELS` of a table over a category, each of whose labels has a bin between
@@ -107,6 +109,7 @@ class Axis:
             "exp": f"exp(3*({c} - {m})/{w})", "inverse": f"{m}/{c}", "log": f"ln({c}/{m})",
             "rings": f"sin(2*pi*sin({c})^2/sin({a})^2)", "ring_cos": f"cos(2*pi*sin({c})^2/sin({a})^2)",
             "sin": f"sin(2*pi*{c}/{a})", "cos": f"cos(2*pi*{c}/{a})", "parity": f"(-1)^{c}",
+            "peak": f"1/(1 + (({c} - {a})/{w})^2)",
             "band": "[" + f" < {c} < ".join(f"{x:.5g}" for x in self.edges) + "]",
             "is": f"[{c} = {self.label}]", "curve": f"curve({c})",
             "bit": f"[bit {a} of {c}]", "table": f"table({c}{f' mod {a}' if self.at else ''})",
@@ -221,6 +224,8 @@ def _function(kind: str, x: FloatArray, axis: Axis) -> FloatArray:
             return (x > axis.at).astype(np.float64)
         case "band":
             return ((x > axis.edges[0]) & (x < axis.edges[1])).astype(np.float64)
+        case "peak":
+            return np.asarray(1.0 / (1.0 + ((x - axis.at) / axis.width) ** 2))
         case "exp":
             return np.asarray(np.exp(np.clip(3.0 * ratio, -20.0, 20.0)))
         case "inverse":

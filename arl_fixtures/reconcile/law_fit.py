@@ -15,6 +15,9 @@ from arl_fixtures.reconcile.law_work import Candidate, Work
 BETWEEN_SHARE = 0.25
 """Share of what a wave gains on unseen blocks that it must gain on levels of its columns that it has not seen."""
 
+LEAST_LEANING, LEANING_ROWS = 4.0, 20.0
+"""Images or blocks, each counting by its part, that must tell of a term that leans (true ones had 4.6 to 15, a false
+one 2.9), or where there are no images rows."""
 GROUPS_AT_REST = 20.0
 """Images on which the noise model counts as resting."""
 
@@ -24,7 +27,7 @@ class Chosen:
     """Terms in the law, with their joint fit.
 
     Attributes:
-        held: log-likelihood gained on unseen blocks.
+        held: log-likelihood gained on unseen blocks; each: on each row of them.
         z: its significance over blocks.
         rows: from how many rows it comes, each counting by its part.
         inside: the same on the rows of the fit itself.
@@ -40,6 +43,7 @@ class Chosen:
     values: list[FloatArray] = field(default_factory=list)
     errors: list[FloatArray] = field(default_factory=list)
     held: float = 0.0
+    each: FloatArray = field(default_factory=lambda: np.zeros(1))
     z: float = 0.0
     rows: float = 0.0
     left: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -53,6 +57,12 @@ class Chosen:
     def beyond(self, other: Chosen) -> float:
         """Log-likelihood on unseen blocks beyond another law's, in the scatter of the rows that tell them apart."""
         return (self.held - other.held) / scatter_where(other.left - self.left, self.left, self.image)
+
+    def witnesses(self, other: Chosen, group: IntArray | None = None) -> float:
+        """From how many rows, or groups of rows, what is held beyond another law comes, each counting by its part."""
+        more = self.each - other.each
+        more = more if group is None else np.asarray(np.bincount(group, more), dtype=np.float64)
+        return max(float(more.sum()), 0.0) ** 2 / max(float(more @ more), 1e-300)
 
     def cost(self) -> float:
         """Log-likelihood that the terms must bring: what their coefficients pay, and what choosing them is worth."""
@@ -76,6 +86,7 @@ def joint(work: Work, terms: list[Candidate]) -> Chosen:
     left = work.residual - values @ vectors
     return Chosen(
         terms=terms, values=np.split(values, split), errors=np.split(errors, split), held=float(gains.sum()),
+        each=each,
         z=float(gains.sum()) / spread if spread > 0 else 0.0, left=left,
         rows=float(each.sum()) ** 2 / max(float(each @ each), 1e-300),
         inside=0.5 * float(work.residual @ work.residual - left @ left),
@@ -151,7 +162,8 @@ def _cross_predicted(work: Work, vectors: FloatArray, precision: FloatArray, fol
 def holds_between(work: Work, chosen: Chosen, trial: Chosen) -> bool:
     """Whether a wave also tells levels of its columns that took no part in the fit: between levels it may be any.
 
-    And whether any term does no harm on images that follow one another and took no part, where blocks are parts of
+    And whether what leans on a second column has several images or blocks for it: two that are off lie on a line. And
+    whether any term does no harm on images that follow one another and took no part, where blocks are parts of
     images: terms that cancel one another in every image seen need not do so in the next.
     """
     images = work.image_fold
@@ -160,6 +172,8 @@ def holds_between(work: Work, chosen: Chosen, trial: Chosen) -> bool:
         if _told(work, trial.terms, images) < before:
             return False
     newest = trial.terms[-1].basis
+    if any(axis.beside for axis in newest.axes) and not _has_witnesses(work, chosen, trial):
+        return False
     for column in newest.columns if newest.waves else ():
         fold = work.levels_of(column)
         if fold is None:
@@ -168,6 +182,13 @@ def holds_between(work: Work, chosen: Chosen, trial: Chosen) -> bool:
         if _told(work, trial.terms, fold) - before < BETWEEN_SHARE * (trial.held - chosen.held):
             return False
     return True
+
+
+def _has_witnesses(work: Work, chosen: Chosen, trial: Chosen) -> bool:
+    """Whether several images tell of what a trial has more; without images several blocks, or many rows of any."""
+    if work.image is not None:
+        return trial.witnesses(chosen, work.image) >= LEAST_LEANING
+    return trial.witnesses(chosen, work.block) >= LEAST_LEANING or trial.witnesses(chosen) >= LEANING_ROWS
 
 
 def _told(work: Work, terms: list[Candidate], fold: IntArray) -> float:

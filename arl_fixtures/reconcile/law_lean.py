@@ -17,11 +17,13 @@ from arl_fixtures.reconcile.law import Axis
 from arl_fixtures.reconcile.law_bands import PRICE_BAND, band_axis, best_band, parted
 from arl_fixtures.reconcile.law_basis import PRICE_ONE, PRICE_PRODUCT, Basis, price_of
 from arl_fixtures.reconcile.law_candidates import Candidates, shared_price
+from arl_fixtures.reconcile.law_peaks import best_peak
 from arl_fixtures.reconcile.law_work import Work
+from arl_fixtures.reconcile.roles import unit_of
 
-PRICE_LEAN = 5.0
+PRICE_LEAN = 10.0
 """Further price of a step or hinge for one of many leans."""
-MOST_SIZES = 5
+MOST_SIZES = 4
 """Leading columns whose pairs are tried."""
 LEANS = (0.08, 0.2, 0.5, 1.0, 2.0, 5.0)
 """How far a step moves along the whole of the second column, in spans of its own."""
@@ -37,28 +39,41 @@ FINER = ((0.5, 1.0), (0.2, 0.4), (0.08, 0.12))
 """Relative change of a lean, and part of `PLACES`, within which it is refined."""
 
 
-def leant_of(work: Work, names: Sequence[str]) -> Iterator[Basis]:
-    """For each pair of columns and each lean the step and the band that part what is left best, and some hinges.
+def leant_of(work: Work, names: Sequence[str], lines: Sequence[Axis]) -> Iterator[Basis]:
+    """For each pair of columns and each lean the step, the band and the peak that part what is left best.
+
+    And hinges along the lean whose step parts it best of all; and of two columns of one unit, whose sum or difference
+    is one, peaks times a line.
 
     Args:
         work: the rows; names: sizes, those that tell most first.
+        lines: of other columns.
     """
     for first, second in combinations(names[:MOST_SIZES], 2):
-        if work.is_shared((first, second)) and np.unique(work.step).size < FEWEST_STEPS:
-            continue
         columns = (first, second)
+        steady = work.is_shared(columns)
+        if steady and np.unique(work.step).size < FEWEST_STEPS:
+            continue
         price = PRICE_ONE + PRICE_PRODUCT + PRICE_LEAN + price_of(columns) + shared_price(work, columns)
-        for best in _best_steps(work, first, second):
-            yield Basis(axes=(best,), price=price)
-            values = _argument(work, best)
-            for kind in ("above", "below"):
-                for at in _between(np.sort(values), HINGES):
-                    yield Basis(axes=(replace(best, kind=kind, at=at),), price=price)
-            levels = parted(first, values)
+        narrow = price + PRICE_BAND - PRICE_ONE
+        steps = list(_best_steps(work, first, second))
+        for step, _ in steps:
+            yield Basis(axes=(step,), price=price)
+            levels = parted(first, _argument(work, step))
             band = best_band(levels, work.direction, _freed(work)) if levels else None
             if levels and band:
-                edges = band_axis(levels, band).edges
-                yield Basis(axes=(replace(best, kind="band", edges=edges),), price=price + PRICE_BAND - PRICE_ONE)
+                yield Basis(axes=(replace(step, kind="band", edges=band_axis(levels, band).edges),), price=narrow)
+            if steady:  # few steps lie on a peak, and are put on it any way
+                continue
+            for line in (None, *lines) if abs(step.lean) == 1.0 else (None,):
+                peak = best_peak(work, first, _argument(work, step), line)
+                if peak is not None and (line is None or line.column not in columns):
+                    axes = (replace(peak, beside=second, lean=step.lean),)
+                    more = 0.0 if line is None else PRICE_PRODUCT + price_of((line.column,))
+                    yield Basis(axes=axes if line is None else (*axes, line), price=narrow + more)
+        for best in max(steps, key=lambda step: step[1], default=())[:1]:
+            for kind, at in product(("above", "below"), _between(np.sort(_argument(work, best)), HINGES)):
+                yield Basis(axes=(replace(best, kind=kind, at=at),), price=price)
 
 
 def refined_leans(work: Work, left: FloatArray, basis: Basis, number: int) -> Iterator[Basis]:
@@ -86,6 +101,11 @@ def _moved(leant: Axis, values: FloatArray, before: FloatArray, now: Axis, part:
         np.clip([float(np.mean(before <= edge)) + part * more for more in PLACES], LEAST_SIDE, 1.0 - LEAST_SIDE)
         for edge in (now.edges or (now.at,))
     ]  # fmt: skip
+    if now.kind == "peak":  # about as far up the rows
+        middle = float(np.quantile(values, float(np.mean(before <= now.at))))
+        for wider, moved in product(np.linspace(-part, part, 5), np.linspace(-part, part, 5)):
+            yield replace(leant, at=middle + moved * now.width, width=now.width * (1.0 + 0.6 * wider))
+        return
     if not now.edges:
         yield from (replace(leant, at=at) for at in _between(values, ranks[0]))
         return
@@ -102,8 +122,10 @@ def _freed(work: Work) -> FloatArray:
     return np.asarray(work.bare - work.direction * float(work.direction @ work.bare) / power)
 
 
-def _best_steps(work: Work, first: str, second: str) -> Iterator[Axis]:
+def _best_steps(work: Work, first: str, second: str) -> Iterator[tuple[Axis, float]]:
     """For each lean the step over two columns with the largest drop in the sum of squares, if no rows shared errors.
+
+    And this drop.
 
     Whitened, what steps differ by counts for little: it says where a step may lie, and its evidence whether it does.
     """
@@ -115,7 +137,8 @@ def _best_steps(work: Work, first: str, second: str) -> Iterator[Axis]:
     spans = float(np.ptp(x[good]) / np.ptp(y[good]))
     middle, width = float(0.5 * (x[good].min() + x[good].max())), float(np.ptp(x[good]))
     side = int(LEAST_SIDE * int(good.sum())) + 1
-    for lean in (sign * part * spans for part in LEANS for sign in (1.0, -1.0)):
+    alike = (1.0, -1.0) if unit_of(first) == unit_of(second) else ()  # a bearing, a difference of temperatures
+    for lean in (*alike, *(sign * part * spans for part in LEANS for sign in (1.0, -1.0))):
         value = (x + lean * y)[good]
         order = np.argsort(value, kind="stable")
         parted = np.diff(value[order]) > 0.0
@@ -124,7 +147,8 @@ def _best_steps(work: Work, first: str, second: str) -> Iterator[Axis]:
             drop = _drop(power[order], score[order], calibrated=work.data.calibrated)
             k = int(np.argmax(np.where(parted, drop, -1.0)))
             at = float(0.5 * (value[order[k]] + value[order[k + 1]]))
-            yield Axis(column=first, beside=second, lean=lean, kind="step", middle=middle, width=width, at=at)
+            step = Axis(column=first, beside=second, lean=lean, kind="step", middle=middle, width=width, at=at)
+            yield step, float(drop[k])
 
 
 def _drop(power: FloatArray, score: FloatArray, *, calibrated: bool) -> FloatArray:

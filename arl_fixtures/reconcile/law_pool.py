@@ -10,7 +10,7 @@ import numpy as np
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.features import in_degrees
 from arl_fixtures.reconcile.law import Axis, axes_of
-from arl_fixtures.reconcile.law_bands import bands_of
+from arl_fixtures.reconcile.law_bands import MOST_LINES, bands_of
 from arl_fixtures.reconcile.law_basis import (
     FINE,
     FINE_KNOTS,
@@ -39,6 +39,7 @@ from arl_fixtures.reconcile.law_bits import MOST_BITS, of_bits, where_bits
 from arl_fixtures.reconcile.law_candidates import Candidates, shared_price, varied
 from arl_fixtures.reconcile.law_crossed import crossed_of
 from arl_fixtures.reconcile.law_lean import leant_of
+from arl_fixtures.reconcile.law_peaks import peaks_of
 from arl_fixtures.reconcile.law_pixels import drifts_of
 from arl_fixtures.reconcile.law_waves import best_pair_wave, best_rings, best_wave
 from arl_fixtures.reconcile.law_work import Candidate, Work
@@ -50,7 +51,7 @@ PRICE_PAIR_WAVE = 7.0
 IMAGE, ORDERS = ("pixel_u", "pixel_v"), ("step", "time_s", "cycle", "stage_angle_deg")
 """Columns over which a pattern stands in the image, and over which it may move."""
 MOST_MARKS, MOST_REFINED, FEW_SETTINGS = 20, 10, 4
-UNSHIFTED = frozenset({"is", "ratio", "step", "band", "above", "below", "parity", "one"})
+UNSHIFTED = frozenset({"is", "ratio", "step", "band", "peak", "above", "below", "parity", "one"})
 """Functions whose zero means something."""
 ALIKE = 0.98
 """Correlation from which two columns are one for the search of pairs."""
@@ -115,13 +116,14 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
     bits = pool.add(of_bits(work, looker, signal))
     pool.add(where_bits(work, sorted(bits, key=lambda m: -m.gain)[:MOST_BITS], names, simple))
     pool.add(_pairs(work, looker, names, simple))
-    told = [*leading, *(n for n in ranking if ranked[n] > -PRICE_ONE)]
-    sizes = [n for n in told if not is_proxy(n) and n not in units and not view.is_category(n)]
-    pool.add(leant_of(work, distinct(work, sizes)))
     pool.add(_moving(work, names, (*ORDERS, *view.temperatures()[:2])))
     lines = [m.basis.axes[0] for n in names for m in simple.get(n, []) if m.basis.axes[0].kind == "linear"]
     numeric = [n for n in ranking if not (n in units or (not n.startswith(("~", "sim_")) and view.is_category(n)))]
     pool.add(bands_of(work, numeric, lines))
+    pool.add(peaks_of(work, numeric, lines[:MOST_LINES]))
+    told = [*leading, *(n for n in ranking if ranked[n] > -PRICE_ONE)]
+    sizes = distinct(work, [n for n in told if not is_proxy(n) and n not in units and not view.is_category(n)])
+    pool.add(leant_of(work, sizes, lines[:MOST_LINES]))
     pool.add(drifts_of(work, numeric))
     recorded = [n for n in sorted(numeric) if not n.startswith(("~", "sim_"))]
     pool.add(crossed_of(work, distinct(work, recorded), marks))

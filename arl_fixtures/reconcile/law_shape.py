@@ -7,11 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.law import Axis, thresholds
 from arl_fixtures.reconcile.law_basis import Basis, folded
 from arl_fixtures.reconcile.law_candidates import Candidates
 from arl_fixtures.reconcile.law_fit import Chosen, joint
 from arl_fixtures.reconcile.law_lean import refined_leans
+from arl_fixtures.reconcile.law_peaks import FINER as FINER_PEAKS
+from arl_fixtures.reconcile.law_peaks import other_peaks
 from arl_fixtures.reconcile.law_work import Work
 
 PLACES = tuple(np.linspace(0.04, 0.96, 24))
@@ -33,17 +36,30 @@ def sharpened(work: Work, chosen: Chosen) -> Chosen:
         if term.basis.waves:
             continue
         for number, axis in enumerate(term.basis.axes):
-            if axis.kind not in KINKED and not axis.beside:
+            if axis.kind not in KINKED and axis.kind != "peak" and not axis.beside:
                 continue
             left = joint(work, [t for k, t in enumerate(chosen.terms) if k != place]).left
             best, basis = chosen, chosen.terms[place].basis
-            moved = refined_leans(work, left, basis, number) if axis.beside else _moved(work, basis, number)
-            for item in Candidates(work, left).add(moved):
+            for item in Candidates(work, left).add(_others(work, left, basis, number)):
                 trial = joint(work, [*chosen.terms[:place], item, *chosen.terms[place + 1 :]])
                 if trial.held > max(best.held, chosen.held + LEAST_BETTER):
                     best = trial
             chosen = best
     return chosen
+
+
+def _others(work: Work, left: FloatArray, basis: Basis, number: int) -> Iterator[Basis]:
+    """Bases with one axis elsewhere: at other places, or the likeliest one of all leans, or of all peaks."""
+    axis = basis.axes[number]
+    if axis.beside:
+        yield from refined_leans(work, left, basis, number)
+    elif axis.kind == "peak":
+        for change, part in FINER_PEAKS:
+            items = Candidates(work, left).add([basis, *other_peaks(basis, number, change, part)])
+            basis = max(items, key=lambda item: item.gain).basis
+        yield basis
+    else:
+        yield from _moved(work, basis, number)
 
 
 def _moved(work: Work, basis: Basis, number: int) -> Iterator[Basis]:
