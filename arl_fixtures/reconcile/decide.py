@@ -26,9 +26,7 @@ from arl_fixtures.reconcile.one_cause import join_readouts
 from arl_fixtures.reconcile.patterns import Pattern
 from arl_fixtures.reconcile.patterns_beside import add_patterns, drop_shadowed
 from arl_fixtures.reconcile.problem import Problem
-from arl_fixtures.reconcile.rivals import (
-    is_structure,
-)
+from arl_fixtures.reconcile.rivals import is_structure
 from arl_fixtures.reconcile.search import Found, Search
 from arl_fixtures.reconcile.shared_scatter import Scatter
 from arl_fixtures.reconcile.standing import Standing

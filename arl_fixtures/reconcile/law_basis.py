@@ -74,6 +74,10 @@ class Basis:
         axes = (a for product in (self.axes, *self.waves) for a in product)
         return tuple(dict.fromkeys(name for a in axes for name in a.columns))
 
+    def with_axis(self, number: int, axis: Axis) -> Basis:
+        """The same with another function in the place of one of its axes."""
+        return replace(self, axes=(*self.axes[:number], axis, *self.axes[number + 1 :]))
+
     @property
     def count(self) -> int:
         """Number of its functions."""

@@ -37,6 +37,11 @@ class _Block:
         return self.evidence.of((self.vectors @ rest)[self.which])
 
 
+def likeliest(work: Work, left: FloatArray, bases: Iterable[Basis]) -> Basis:
+    """Of bases the one that gains most beside the terms that leave `left`; the first of several."""
+    return max(Candidates(work, left).add(bases), key=lambda item: item.gain).basis
+
+
 class Candidates:
     """A pool of candidates in the order in which they came, each with the gain that it has when it comes.
 

@@ -16,7 +16,7 @@ from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.law import Axis
 from arl_fixtures.reconcile.law_bands import PRICE_BAND, band_axis, best_band, parted
 from arl_fixtures.reconcile.law_basis import PRICE_ONE, PRICE_PRODUCT, Basis, price_of
-from arl_fixtures.reconcile.law_candidates import Candidates, shared_price
+from arl_fixtures.reconcile.law_candidates import likeliest, shared_price
 from arl_fixtures.reconcile.law_peaks import best_peak
 from arl_fixtures.reconcile.law_work import Work
 from arl_fixtures.reconcile.roles import unit_of
@@ -49,6 +49,7 @@ def leant_of(work: Work, names: Sequence[str], lines: Sequence[Axis]) -> Iterato
         work: the rows; names: sizes, those that tell most first.
         lines: of other columns.
     """
+    freed = _freed(work)
     for first, second in combinations(names[:MOST_SIZES], 2):
         columns = (first, second)
         steady = work.is_shared(columns)
@@ -60,7 +61,7 @@ def leant_of(work: Work, names: Sequence[str], lines: Sequence[Axis]) -> Iterato
         for step, _ in steps:
             yield Basis(axes=(step,), price=price)
             levels = parted(first, _argument(work, step))
-            band = best_band(levels, work.direction, _freed(work)) if levels else None
+            band = best_band(levels, work.direction, freed) if levels else None
             if levels and band:
                 yield Basis(axes=(replace(step, kind="band", edges=band_axis(levels, band).edges),), price=narrow)
             if steady:  # few steps lie on a peak, and are put on it any way
@@ -76,23 +77,21 @@ def leant_of(work: Work, names: Sequence[str], lines: Sequence[Axis]) -> Iterato
                 yield Basis(axes=(replace(best, kind=kind, at=at),), price=price)
 
 
-def refined_leans(work: Work, left: FloatArray, basis: Basis, number: int) -> Iterator[Basis]:
-    """A basis with other leans and places of one of its axes, ever finer ones near the likeliest.
+def refined_lean(work: Work, left: FloatArray, basis: Basis, number: int) -> Basis:
+    """A basis with the likeliest lean and places of one of its axes, sought ever finer.
 
     Args:
         work: the rows; left: what the other terms leave.
         basis: with an axis that leans; number: of the axis.
     """
-    best = basis
     for change, part in FINER:
-        now = best.axes[number]
+        now = basis.axes[number]
         axes = [now]
         for more in np.linspace(-change, change, 9):
             leant = replace(now, lean=now.lean * (1.0 + more))
             axes += _moved(leant, np.sort(_argument(work, leant)), _argument(work, now), now, part)
-        bases = [replace(best, axes=(*best.axes[:number], a, *best.axes[number + 1 :])) for a in axes]
-        best = max(Candidates(work, left).add(bases), key=lambda item: item.gain).basis
-    yield best
+        basis = likeliest(work, left, [basis.with_axis(number, a) for a in axes])
+    return basis
 
 
 def _moved(leant: Axis, values: FloatArray, before: FloatArray, now: Axis, part: float) -> Iterator[Axis]:

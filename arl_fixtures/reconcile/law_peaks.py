@@ -15,7 +15,7 @@ from arl_fixtures.reconcile.features import OF_NEIGHBOURS
 from arl_fixtures.reconcile.law import Axis
 from arl_fixtures.reconcile.law_bands import PRICE_BAND, parted
 from arl_fixtures.reconcile.law_basis import PRICE_PRODUCT, Basis, price_of
-from arl_fixtures.reconcile.law_candidates import shared_price
+from arl_fixtures.reconcile.law_candidates import likeliest, shared_price
 from arl_fixtures.reconcile.law_work import Work
 
 WIDTHS = (0.02, 0.04, 0.08, 0.16)
@@ -72,10 +72,19 @@ def best_peak(work: Work, name: str, values: FloatArray, line: Axis | None = Non
     return Axis(column=name, kind="peak", at=float(at[best]), width=float(width[best]))
 
 
-def other_peaks(basis: Basis, number: int, change: float, part: float) -> Iterator[Basis]:
-    """A basis with one of its peaks wider or narrower, and moved by parts of its width."""
-    axis = basis.axes[number]
-    for more in np.linspace(-change, change, 7):
-        for moved in np.linspace(-part, part, 7):
-            other = replace(axis, width=axis.width * (1.0 + more), at=axis.at + axis.width * moved)
-            yield replace(basis, axes=(*basis.axes[:number], other, *basis.axes[number + 1 :]))
+def refined_peak(work: Work, left: FloatArray, basis: Basis, number: int) -> Basis:
+    """A basis with one of its peaks where it is likeliest: wider or narrower, and moved by ever finer parts of that.
+
+    Args:
+        work: the rows; left: what the other terms leave.
+        basis: with the peak; number: of its axis.
+    """
+    for change, part in FINER:
+        axis = basis.axes[number]
+        others = [
+            replace(axis, width=axis.width * (1.0 + more), at=axis.at + axis.width * moved)
+            for more in np.linspace(-change, change, 7)
+            for moved in np.linspace(-part, part, 7)
+        ]
+        basis = likeliest(work, left, [basis, *(basis.with_axis(number, other) for other in others)])
+    return basis

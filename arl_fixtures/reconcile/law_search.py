@@ -217,7 +217,7 @@ def _settled(
     final.shared = all(work.shares(t.basis) for t in final.terms)
     law = law_of(final, data)
     for term in law.terms:
-        if len(term.axes) > 1:
+        if len({axis.column for axis in term.axes}) > 1:
             term.reach = REACH * float(np.max(np.abs(term.product(work.features, len(work.pick)))))
     return law, final
 

@@ -12,9 +12,8 @@ from arl_fixtures.reconcile.law import Axis, thresholds
 from arl_fixtures.reconcile.law_basis import Basis, folded
 from arl_fixtures.reconcile.law_candidates import Candidates
 from arl_fixtures.reconcile.law_fit import Chosen, joint
-from arl_fixtures.reconcile.law_lean import refined_leans
-from arl_fixtures.reconcile.law_peaks import FINER as FINER_PEAKS
-from arl_fixtures.reconcile.law_peaks import other_peaks
+from arl_fixtures.reconcile.law_lean import refined_lean
+from arl_fixtures.reconcile.law_peaks import refined_peak
 from arl_fixtures.reconcile.law_work import Work
 
 PLACES = tuple(np.linspace(0.04, 0.96, 24))
@@ -52,21 +51,11 @@ def _others(work: Work, left: FloatArray, basis: Basis, number: int) -> Iterator
     """Bases with one axis elsewhere: at other places, or the likeliest one of all leans, or of all peaks."""
     axis = basis.axes[number]
     if axis.beside:
-        yield from refined_leans(work, left, basis, number)
+        yield refined_lean(work, left, basis, number)
     elif axis.kind == "peak":
-        for change, part in FINER_PEAKS:
-            items = Candidates(work, left).add([basis, *other_peaks(basis, number, change, part)])
-            basis = max(items, key=lambda item: item.gain).basis
-        yield basis
+        yield refined_peak(work, left, basis, number)
     else:
-        yield from _moved(work, basis, number)
-
-
-def _moved(work: Work, basis: Basis, number: int) -> Iterator[Basis]:
-    """A basis with one of its kinks at other places."""
-    axis = basis.axes[number]
-    for at in _places(work, axis.column):
-        yield replace(basis, axes=(*basis.axes[:number], replace(axis, at=at), *basis.axes[number + 1 :]))
+        yield from (basis.with_axis(number, replace(axis, at=at)) for at in _places(work, axis.column))
 
 
 def _tuned(work: Work, chosen: Chosen, place: int, column: str, period: float) -> Chosen:

@@ -43,7 +43,7 @@ def find_laws(decision: Decision) -> None:
             try:
                 law = law_of_rest(decision.found.looker, d, state, decision.after[name], beside=acted)
             except np.linalg.LinAlgError as error:  # costs this law, not the answer
-                decision.search.failed[f"law of {name}"] = f"was not found: {error}"
+                decision.found.looker.failed[f"law of {name}"] = f"was not found: {error}"
                 continue
             law = law or (None if acted else decision.fallen.get(name) or law_of_units(decision.problem, d, state))
             # trees beside a name only mend its shape, and so does what says the same in other words

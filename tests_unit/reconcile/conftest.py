@@ -142,7 +142,6 @@ def knows_only(monkeypatch) -> Callable[..., None]:
 
 
 @pytest.fixture(autouse=True)
-def _no_law_is_given_up(monkeypatch, request):
-    """What costs a user a law only is an error here, unless a test asks for it by name."""
-    if "given_up" not in request.node.name:
-        monkeypatch.setattr(law_search, "_that_work", lambda _looker, _data, trials: trials)
+def _no_law_is_given_up(monkeypatch):
+    """What costs a user a law only is an error here."""
+    monkeypatch.setattr(law_search, "_that_work", lambda _looker, _data, trials: trials)
