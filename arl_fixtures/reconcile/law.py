@@ -51,7 +51,7 @@ class Axis:
         label: category label of `is`; `OF_LABELS` of a table over a category, each of whose labels has a bin between
             two of labels that were not seen.
         edges, values: bins of `table`, or knots of `curve`, and their coefficients; without values the axis is open:
-            it stands for all functions of its kind. The two edges of a `band`.
+            it stands for all functions of its kind. The two edges of a `band`. Of a `bit` the scatter of frames.
     """
 
     column: str
@@ -245,7 +245,7 @@ def _function(kind: str, x: FloatArray, axis: Axis) -> FloatArray:
         case "curve":
             return np.asarray(np.interp(x, np.asarray(axis.edges), np.asarray(axis.values)))
         case "bit":
-            return is_set(x, axis.at, axis.width)
+            return is_set(x, axis.at, (axis.edges[0], axis.edges[1]))
         case "parity":
             return np.where(np.mod(x, 2.0) < 0.5, 1.0, -1.0)
         case _:

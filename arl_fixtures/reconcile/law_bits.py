@@ -24,7 +24,7 @@ from arl_fixtures.reconcile.law_work import Candidate, Work
 from arl_fixtures.reconcile.pilot import Looker
 
 MOST_BITS = 3
-"""Bits of a converter, or two of them together, that may be off under a condition."""
+"""Pairs of a converter's bits that may be off under a condition."""
 
 
 def of_bits(work: Work, looker: Looker, signal: Axis | None) -> Iterator[Basis]:
@@ -35,10 +35,16 @@ def of_bits(work: Work, looker: Looker, signal: Axis | None) -> Iterator[Basis]:
     weights, scatter = weights_of(looker.problem.view, channel)
     amount = (signal,) if signal else ()
     bits = [
-        (Axis(column=f"sim_{channel}", kind="bit", at=float(weight), width=scatter), *amount) for weight in weights
+        (Axis(column=f"sim_{channel}", kind="bit", at=float(weight), edges=scatter), *amount) for weight in weights
     ]
     yield from (Basis(axes=axes, price=PRICE_ONE + 1.0) for axes in bits)
     yield from (Basis(waves=two, price=PRICE_TWO + 2.0) for two in itertools.combinations(bits, 2))
+
+
+def likely_bits(bits: Sequence[Candidate]) -> list[Candidate]:
+    """Bits to look for under a condition: all single ones, which elsewhere may be right, and the likeliest pairs."""
+    pairs = sorted((m for m in bits if m.basis.waves), key=lambda m: -m.gain)
+    return [*(m for m in bits if not m.basis.waves), *pairs[:MOST_BITS]]
 
 
 def where_bits(

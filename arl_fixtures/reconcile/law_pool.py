@@ -35,7 +35,7 @@ from arl_fixtures.reconcile.law_basis import (
     tables_of,
     waves_of,
 )
-from arl_fixtures.reconcile.law_bits import MOST_BITS, of_bits, where_bits
+from arl_fixtures.reconcile.law_bits import likely_bits, of_bits, where_bits
 from arl_fixtures.reconcile.law_candidates import Candidates, shared_price, varied
 from arl_fixtures.reconcile.law_crossed import crossed_of
 from arl_fixtures.reconcile.law_lean import leant_of
@@ -114,7 +114,7 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
     own = [mark for mark in marks if mark.column in units]
     pool.add(_beating(work, own, signal))
     bits = pool.add(of_bits(work, looker, signal))
-    pool.add(where_bits(work, sorted(bits, key=lambda m: -m.gain)[:MOST_BITS], names, simple))
+    pool.add(where_bits(work, likely_bits(bits), names, simple))
     pool.add(_pairs(work, looker, names, simple))
     pool.add(_moving(work, names, (*ORDERS, *view.temperatures()[:2])))
     lines = [m.basis.axes[0] for n in names for m in simple.get(n, []) if m.basis.axes[0].kind == "linear"]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, model_validator
 from ruamel.yaml import YAML
 
 from arl_fixtures.reconcile.columns import IntArray
@@ -58,6 +58,12 @@ class AxisFile(FileModel):
     label: str = ""
     edges: list[float] = Field(default_factory=list)
     values: list[float] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _has_edges(self) -> Self:
+        if self.kind in {"band", "bit"} and len(self.edges) != 2:
+            raise ValueError(f"a function of the kind {self.kind!r} has two edges, not {len(self.edges)}")
+        return self
 
 
 class LawTermFile(FileModel):

@@ -189,6 +189,13 @@ effects:
   channels: [distance_m]
   drivers: [tof_temperature_c]
 """
+OLD_BIT = """unknown:
+  - channel: distance_m
+    relative: false
+    expression: c1*[bit 64 of sim_distance_m]
+    drivers: [sim_distance_m]
+    terms: [{coefficient: 1.0, functions: [{column: sim_distance_m, kind: bit, at: 64.0, width: 5.0}]}]
+"""
 
 
 @pytest.mark.parametrize(
@@ -202,6 +209,7 @@ effects:
             _rows(9),
             "'acme.nothing' is not in the library",
         ),
+        (MODEL + OLD_BIT, _rows(9), "has two edges, not 0"),
         (MODEL, _without("tof_temperature_c"), "lacks column 'tof_temperature_c'"),
         (MODEL.replace("temperature: tof_temperature_c, ", ""), _rows(9), "needs 'temperature'"),
         (MODEL, _without("sim_distance_m", "sim_distance_m_std"), "lacks column 'sim_distance_m'"),
