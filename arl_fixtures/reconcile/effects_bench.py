@@ -164,6 +164,7 @@ def _through(view: View, camera: Camera, scene: SceneSettings, code: IntArray, f
             sharp
             for sharp in (Optics(camera=camera, rays=rays, soft_rad=0.0, scene=soft.scene) for rays in RAYS)
             if all(unequal(*sample.off(sharp, height), sample.pixel) < most for sample, height in samples)
+            and not _is_softer(samples, soft, sharp)
         ),
         soft,
     )
@@ -183,6 +184,14 @@ def _through(view: View, camera: Camera, scene: SceneSettings, code: IntArray, f
     return Bench(
         index=code, spots=spots, frame=frame, unit=unit, optics=optics, pedestal=pedestal, ahead_m=ahead
     )  # fmt: skip
+
+
+def _is_softer(samples: list[tuple[Sample, float]], soft: Optics, sharp: Optics) -> bool:
+    """Whether a point spread of the simulation clearly shows, though few rows see enough of an edge to tell."""
+    if soft.spread_px == 0.0:
+        return False
+    left, jumps = (sum(misfit(sample, optics, height) for sample, height in samples) for optics in (soft, sharp))
+    return left < _CLEARLY_SOFTER * jumps
 
 
 def _softened(soft: Optics, samples: list[Sample]) -> Optics:

@@ -22,7 +22,7 @@ from arl_fixtures.reconcile.screen import screen
 from arl_fixtures.reconcile.settling import shortlist
 from arl_fixtures.reconcile.shared_scatter import Scatter
 from arl_fixtures.reconcile.terms import RECORD_TIME, Term, forward
-from arl_fixtures.reconcile.told_apart import is_undecided, reason_of
+from arl_fixtures.reconcile.told_apart import idle_price, is_undecided, reason_of
 
 if TYPE_CHECKING:
     from arl_fixtures.reconcile.decide import Decision
@@ -117,7 +117,7 @@ def _alternatives(
         if effect == term.effect.id or any(a.effect == effect for a in alternatives):
             continue
         other = r.fit.terms[-1]
-        deficit = own - r.gain
+        deficit = own - r.gain - idle_price(term, r.fit)
         alike = is_undecided(term, other, deficit, own, sampled=sampled)
         twin = alike or (effect in term.effect.says_as_well(term.variant) and r.gain > 0)
         reason = reason_of(deficit, own, alike=alike) if r.gain > 0 else "gains nothing in its place"

@@ -21,6 +21,8 @@ from arl_fixtures.reconcile.law_work import Work
 PRICE_BAND = 10.0
 """Log-likelihood that a band must earn: its two edges are chosen among a thousand."""
 MOST_LEVELS, LEAST_LEVELS = 48, 6
+CLEAR_GAP = 5.0
+"""Standard deviations of a column's readings within steps by which the levels of two steps must differ for a cut."""
 WIDEST = 0.7
 """Share of the rows beyond which a band is rather a step."""
 PRICE_BOX, PER_BOXES = 1.0, 0.8
@@ -72,23 +74,42 @@ def bands_of(work: Work, names: Sequence[str], lines: Sequence[Axis]) -> Iterato
 
 
 def _parted(work: Work, name: str) -> Parted | None:
-    return parted(name, work.features[name]) if name in work.features else None
+    return parted(work, name, work.features[name]) if name in work.features else None
 
 
-def parted(name: str, x: FloatArray) -> Parted | None:
-    """A column in levels, its own or of about as many rows each; None where it has too few."""
+def parted(work: Work, name: str, x: FloatArray) -> Parted | None:
+    """A column in levels; None where it has too few.
+
+    Its own, or those of steps where its readings only scatter about them: a band that ends amid a step's readings
+    tells rows apart that differ by nothing. Else of about as many rows each.
+    """
     good = np.isfinite(x)
     levels = np.unique(x[good])
     if len(levels) < LEAST_LEVELS:
         return None
     if len(levels) > MOST_LEVELS:
-        cuts = np.unique(np.quantile(x[good], np.linspace(0.0, 1.0, MOST_LEVELS + 1)[1:-1]))
+        cuts = _between_steps(work, x) if good.all() else np.zeros(0)
+        if len(cuts) < LEAST_LEVELS - 1:
+            cuts = np.unique(np.quantile(x[good], np.linspace(0.0, 1.0, MOST_LEVELS + 1)[1:-1]))
     else:
         cuts = 0.5 * (levels[1:] + levels[:-1])
     if len(cuts) < LEAST_LEVELS - 1:
         return None
     code = np.where(good, np.searchsorted(cuts, x, side="right"), -1)
     return Parted(name, np.asarray(cuts, dtype=np.float64), code.astype(np.int64))
+
+
+def _between_steps(work: Work, x: FloatArray) -> FloatArray:
+    """Cuts amid the gaps between the levels of steps within which readings hardly scatter; of many some."""
+    rows = np.bincount(work.step)
+    means = np.bincount(work.step, x)[rows > 0] / rows[rows > 0]
+    within = x - (np.bincount(work.step, x) / np.maximum(rows, 1))[work.step]
+    levels = np.sort(means)
+    apart = np.diff(levels) > CLEAR_GAP * float(np.std(within))
+    cuts = (0.5 * (levels[1:] + levels[:-1]))[apart]
+    if len(cuts) > MOST_LEVELS:
+        cuts = cuts[np.linspace(0, len(cuts) - 1, MOST_LEVELS).astype(np.int64)]
+    return np.asarray(cuts)
 
 
 def best_band(part: Parted, direction: FloatArray, residual: FloatArray) -> tuple[int, int] | None:

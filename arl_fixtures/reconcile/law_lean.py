@@ -60,7 +60,7 @@ def leant_of(work: Work, names: Sequence[str], lines: Sequence[Axis]) -> Iterato
         steps = list(_best_steps(work, first, second))
         for step, _ in steps:
             yield Basis(axes=(step,), price=price)
-            levels = parted(first, _argument(work, step))
+            levels = parted(work, first, _argument(work, step))
             band = best_band(levels, work.direction, freed) if levels else None
             if levels and band:
                 yield Basis(axes=(replace(step, kind="band", edges=band_axis(levels, band).edges),), price=narrow)

@@ -52,7 +52,7 @@ def best_peak(work: Work, name: str, values: FloatArray, line: Axis | None = Non
         work: the rows; name: of the axis; values: (n,) of the column.
         line: that multiplies it.
     """
-    levels = parted(name, values)
+    levels = parted(work, name, values)
     if levels is None:
         return None
     there = levels.code >= 0

@@ -48,6 +48,8 @@ from arl_fixtures.reconcile.roles import FIELD_COLUMNS, PIXEL, Role
 
 MOST_LEADING = 7
 PRICE_PAIR_WAVE = 7.0
+FEWEST_TURNS = 2.0
+"""Turns from which a form that recurs is one: of what is seen once or little more, the rest is a guess."""
 IMAGE, ORDERS = ("pixel_u", "pixel_v"), ("step", "time_s", "cycle", "stage_angle_deg")
 """Columns over which a pattern stands in the image, and over which it may move."""
 MOST_MARKS, MOST_REFINED, FEW_SETTINGS = 20, 10, 4
@@ -91,8 +93,9 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
             wave = best_wave(work, name)
             if wave:
                 bases.append(Basis(waves=waves_of(name, wave.turns), price=PRICE_TWO + extra + wave.price))
-                phase, more = folded(name, wave.turns), PRICE_TWO + 2.0 + extra + wave.price
-                bases.append(Basis(axes=(phase,), prior=np.eye(phase.count), price=more))
+                if wave.turns * np.ptp(values[np.isfinite(values)]) >= FEWEST_TURNS:
+                    phase, more = folded(name, wave.turns), PRICE_TWO + 2.0 + extra + wave.price
+                    bases.append(Basis(axes=(phase,), prior=np.eye(phase.count), price=more))
             rings = best_rings(work, name) if name == FIELD_COLUMNS[0] and in_degrees(view) else None
             if rings:
                 bases.append(Basis(waves=rings_of(name, rings.turns), price=PRICE_TWO + extra + rings.price))

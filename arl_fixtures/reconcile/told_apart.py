@@ -1,7 +1,10 @@
 """When two names are too alike to choose between on what a table shows."""
 
+import numpy as np
+
 from arl_fixtures.reconcile.acceptance import PRICE
 from arl_fixtures.reconcile.effect import Effect
+from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.terms import Term
 
 TWIN_GAIN, TWIN_SHARE = 3.0, 0.03
@@ -11,6 +14,8 @@ LIKE_SHARE = 0.12
 EDGE_SHARE = 0.3
 """The share for effects that show at edges, where these are known from the table's own samples only: what the
 operators themselves get wrong there is more than what tells them apart."""
+IDLE = 1.0
+"""Standard errors that all rows together change by over a parameter's range, below which it tells of nothing."""
 
 
 def is_undecided(named: Term, other: Term, deficit: float, gain: float, *, sampled: bool) -> bool:
@@ -27,6 +32,23 @@ def is_undecided(named: Term, other: Term, deficit: float, gain: float, *, sampl
     """
     extra = PRICE * max(len(other.free()) - len(named.free()), 0) if _alike(named.effect, other.effect) else 0.0
     return deficit - extra < max(TWIN_GAIN, share_undecided(named.effect, other.effect, sampled=sampled) * gain)
+
+
+def idle_price(named: Term, other: Fit) -> float:
+    """What the term of a fit was charged for shapes that change next to nothing here, beyond what the finding has.
+
+    Of effects that are alike no further parameter counts any way, see `is_undecided`.
+    """
+    term, last = other.terms[-1], len(other.terms) - 1
+    further = max(len(term.free()) - len(named.free()), 0)
+    if not further or _alike(named.effect, term.effect):
+        return 0.0
+    changes = zip(other.keys, np.linalg.norm(other.jacobian, axis=0), strict=True)
+    idle = sum(
+        index == last and not p.is_amplitude and float(change) * (p.high - p.low) < IDLE
+        for (index, p), change in changes
+    )
+    return PRICE * min(further, idle)
 
 
 def reason_of(deficit: float, gain: float, *, alike: bool) -> str:

@@ -3,16 +3,17 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from arl_fixtures.reconcile import rivals
-from arl_fixtures.reconcile.acceptance import is_repeat
+from arl_fixtures.reconcile.acceptance import PRICE, is_repeat
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.effect import Parameter, Variant
 from arl_fixtures.reconcile.rivals import has_other_place, mends_the_same
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.terms import Term
-from arl_fixtures.reconcile.told_apart import is_undecided, reason_of, share_undecided
+from arl_fixtures.reconcile.told_apart import idle_price, is_undecided, reason_of, share_undecided
 
 
 def acting(effect, *drivers):
@@ -65,6 +66,34 @@ def test_of_alike_effects_the_simpler_one_does_not_rule_out_the_other(other, par
 
     named = term("beam.profile_change", 1)
     assert is_undecided(named, term(other, parameters), 10.0, 50.0, sampled=True) == undecided
+
+
+def shaped(effect, *spans):
+    """A term with an amplitude and shapes, and a fit in which each shape changes so much over its range."""
+    amplitude = Parameter(name="size", unit="1", low=-1.0, high=1.0, null=0.0, typical=0.1)
+    shapes = [Parameter(name=f"s{k}", unit="1", low=0.0, high=2.0, starts=(1.0,)) for k in range(len(spans))]
+    made = replace(acting(effect), variant=replace(acting(effect).variant, parameters=(amplitude, *shapes)))
+    jacobian = np.array([[30.0, *(0.5 * span for span in spans)], np.zeros(1 + len(spans))])
+    return made, SimpleNamespace(terms=(made,), keys=[(0, p) for p in made.free()], jacobian=jacobian)
+
+
+@pytest.mark.parametrize(
+    ("spans", "shapes", "price"),
+    [
+        ((0.2, 40.0), 0, PRICE),  # a tail that nothing shows costs the dead time its price, no evidence
+        ((0.2, 0.1), 0, 2.0 * PRICE),
+        ((0.2, 0.1), 1, PRICE),  # the finding has paid for as many
+        ((5.0, 40.0), 0, 0.0),
+    ],
+)
+def test_shapes_that_nothing_shows_do_not_decide_against_an_effect(spans, shapes, price):
+    named, _ = shaped("target.reflectance_error", *(9.0 for _ in range(shapes)))
+    assert idle_price(named, shaped("detector.pile_up", *spans)[1]) == price
+
+
+def test_of_alike_effects_no_further_parameter_is_counted_twice():
+    named, _ = shaped("detector.compression")
+    assert idle_price(named, shaped("detector.pile_up", 0.2, 0.1)[1]) == 0.0
 
 
 def test_a_large_loss_that_does_not_decide_says_why():

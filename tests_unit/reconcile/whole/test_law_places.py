@@ -85,6 +85,22 @@ def test_a_drift_has_its_zero_where_the_sensor_has_it_and_not_in_the_middle_of_t
     assert np.abs(at_zero).max() < 0.15 * np.abs(warm).mean()
 
 
+def test_a_mode_between_two_temperatures_ends_between_steps_and_does_not_recur(law_of):
+    """Thermometers scatter within a step: an edge amid its readings would tell rows apart that are alike."""
+
+    def hop(columns, rng):
+        for name in ("tof_temperature_c", "housing_temperature_c", "set_temperature_c"):
+            del columns[name]
+        level = (5.0 * columns["step"]) % 13.0  # up and down, so that no run of steps is warm
+        columns["laser_temperature_c"] = 14.0 + 4.0 * level + 0.2 * rng.normal(size=len(level))
+        columns["distance_m"] = columns["distance_m"] + 4e-3 * np.isin(level, [5.0, 6.0, 7.0])
+
+    law = law_of(hop, steps=13)
+    degrees = np.array([18.0, 26.0, 38.0, 42.0, 50.0, 58.0, 66.0, 74.0])
+    made = said(law, laser_temperature_c=degrees)
+    assert made == pytest.approx(4e-3 * (np.abs(degrees - 38.0) < 5.0), abs=8e-4)
+
+
 def test_a_band_says_its_edges():
     axis = Axis(column="pixel_u", kind="band", edges=(18.5, 28.5))
     assert axis({"pixel_u": np.array([18.0, 19.0, 28.0, 29.0, np.nan])}).tolist() == [0.0, 1.0, 1.0, 0.0, 0.0]
