@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from arl_fixtures.reconcile.dead import dead_first, leave_out_their_scatter
+from arl_fixtures.reconcile.dead import bring_back, dead_first, leave_out_dead, leave_out_their_scatter
 from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.law_of_rest import law_of_rest
 from arl_fixtures.reconcile.misfit import MISFIT_SHARE
@@ -59,7 +59,21 @@ def _shares(decision: Decision, pattern: Pattern, terms: Sequence[Term]) -> list
 
 
 def add_spots(decision: Decision, patterns: Sequence[Pattern]) -> bool:
-    """Take spots in the place of the first pattern of gains, where they say as much; tells whether it did."""
+    """Take spots in the place of the first pattern of gains, where they say as much; tells whether it did.
+
+    Of pixels that live: one that died is no spot on a window, however well a small one covers it.
+    """
+    died = any(p.term.effect.sparse for p in patterns) and leave_out_dead(decision.problem, decision.effects)
+    if died:
+        dense = [e for e in decision.effects if not e.sparse]
+        patterns = find_patterns(decision.problem, dense, decision.best.terms)
+    added = _add_spots(decision, patterns)
+    if died:
+        bring_back(decision.problem)
+    return added
+
+
+def _add_spots(decision: Decision, patterns: Sequence[Pattern]) -> bool:
     pattern = next((p for p in patterns if p.is_dense), None)
     if pattern is None or decision.patterns or decision.found.screening is None or decision.asked_for_spots:
         return False

@@ -4,6 +4,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from arl_fixtures.reconcile import patterns_beside
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.command import predict, reconcile
 from arl_fixtures.reconcile.dead import dead_first
@@ -136,3 +137,28 @@ def test_pixels_whose_answers_fail_are_dead_though_their_light_has_a_law(tmp_pat
     table["intensity_counts"] = np.where(silent, 0.0, table["intensity_counts"])
     (found,) = diagnose(load_table(save(tmp_path / "table.parquet", table)))[0].findings
     assert found.effect == "detector.dead_pixels"
+
+
+def test_a_pixel_that_never_answers_is_no_spot_on_the_window(tmp_path, save, knows_only, monkeypatch):
+    """Of strewn pixels the neighbours are not in the table: a small enough spot covers this one and no other."""
+    knows_only(*RIVALS)
+    asked = []
+    monkeypatch.setattr(patterns_beside, "spots_instead", lambda *given: asked.append(given))
+    rng = np.random.default_rng(4)
+    place = rng.choice(100 * 32, 300, replace=False)
+    pixel, angle, step = (a.ravel() for a in np.meshgrid(range(300), range(3), range(6), indexing="ij"))
+    kept = rng.random(pixel.size) < 0.4
+    pixel, angle, step = pixel[kept], angle[kept], step[kept]
+    u, v = place[pixel] % 100.0, place[pixel] // 100.0
+    light = 900.0 + 500.0 * np.sin(1.7 * angle + u / 9.0)
+    sigma = np.sqrt(light)
+    read = light + sigma * rng.normal(size=light.size) / np.sqrt(10.0)
+    table = {
+        "step": 1.0 * step, "housing_temperature_c": 10.0 * step, "stage_angle_deg": 8.0 * angle, "pixel_u": u,
+        "pixel_v": v, "azimuth_deg": 0.9 * (u - 49.5), "elevation_deg": 0.9 * (15.5 - v),
+        "n_frames": np.full(light.size, 10.0), "sim_intensity_counts": light, "sim_intensity_counts_std": sigma,
+        "intensity_counts": np.where(pixel == 7, 0.0, read),
+    }  # fmt: skip
+    (found,) = diagnose(load_table(save(tmp_path / "table.parquet", table)))[0].findings
+    assert found.effect == "detector.dead_pixels"
+    assert not asked
