@@ -30,6 +30,9 @@ _HERTZ = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6}
 _PARTS = (1, 2, 4, 8)
 """Of a phase meter's ambiguity range, in which waves come again: cross-talk, channels of unlike gain, samples taken
 at four phases of a wave that has a third harmonic, and the next."""
+PHASES, FEWEST_MET, AGAIN = 12, 0.05, 0.4
+"""Parts of a period; share of an even part's distances from which one is seen in a turn; share of the parts that are
+seen which must be so in several turns."""
 HARMONICS = 3
 """Waves in a period by which cells of unequal length are told: their error, a sum of many, has little above."""
 
@@ -72,6 +75,8 @@ class TdcNonlinearity(Effect):
                     continue
                 most = 1.15 * longest if harmonics == 1 else 0.5 * spread  # a shape is one when it comes again
                 told = [start for start in starts if start < most]
+                if harmonics > 1:
+                    told = [start for start in told if _comes_again(view, distance, start)]
                 if not told:
                     continue
                 period = shape("period", unit_of(distance), 0.5 * shortest, most, *told)
@@ -163,6 +168,17 @@ def _distinct(view: View, distance: str, spread: float) -> int:
     """Different simulated distances of the table, to a thousandth of their spread."""
     values = view.columns.numbers[f"sim_{distance}"]
     return len(np.unique(np.round(values[np.isfinite(values)] / spread, 3)))
+
+
+def _comes_again(view: View, distance: str, period: float) -> bool:
+    """Whether enough of the distances lie where others lie whole periods away: else any curve is such a shape."""
+    values = view.columns.numbers[f"sim_{distance}"]
+    turns = values[np.isfinite(values)] / period
+    place, turn = np.floor(PHASES * (turns % 1.0)).astype(np.int64), np.floor(turns).astype(np.int64)
+    met, rows = np.unique(np.stack([place, turn - turn.min()]), axis=1, return_counts=True)
+    often = rows > FEWEST_MET * rows.sum() / PHASES
+    visits = np.bincount(met[0][often], minlength=PHASES)
+    return int(np.sum(visits > 1)) >= AGAIN * max(int(np.sum(visits > 0)), 1)
 
 
 def _names(order: int) -> tuple[str, str]:

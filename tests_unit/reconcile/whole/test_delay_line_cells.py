@@ -73,6 +73,25 @@ def test_few_targets_tell_no_waves_of_many_numbers(targets, waves):
     assert [v.options.get("harmonics", 1) for v in offered] == waves
 
 
+def test_boards_and_a_wall_behind_them_show_a_shape_once():
+    """The supply sags with the pixels that fire at once: those that see a board at one range, hardly any between."""
+    rng = np.random.default_rng(6)
+    boards, between, wall = (rng.random(count) for count in (520, 24, 480))
+    far = np.concatenate([1.104 + 0.05 * boards**2, 1.16 + 0.15 * between, 1.90 + 0.05 * wall])
+    counts, edges = np.histogram(far, bins=np.arange(1.05, 2.05, 0.15))  # a bin of its timer
+    metres, step = np.tile(far, 3), np.repeat(np.arange(3), far.size)
+    load = counts[np.searchsorted(edges, metres) - 1] / counts.max()
+    noise = 0.003 / np.sqrt(20.0) * rng.normal(size=metres.size)
+    table = columns_of(pa.table({
+        "step": step.astype(float), "set_temperature_c": 25.0 + 20.0 * step, "true_range_m": metres,
+        "sim_distance_m": metres, "sim_distance_m_std": np.full(metres.size, 0.003),
+        "n_frames": np.full(metres.size, 20.0), "sim_distance_m_repeat_std": np.full(metres.size, 2e-4),
+        "distance_m": metres + 5e-3 * (load - load.mean()) + noise,
+    }))  # fmt: skip
+    found = diagnose(table, effects=[library()["timing.tdc_nonlinearity"]])[0].findings
+    assert [f.effect for f in found] == ["unknown"]
+
+
 def test_a_slow_clock_is_told_where_its_period_is_swept_several_times():
     """15 MHz: ten metres of range to a period, of which targets on a rail of 45 m pass four; cells by counting."""
     table = rail(4, 0.0)
