@@ -39,10 +39,11 @@ def _polarised_gloss(rng: np.random.Generator, rows: Rows, design: Design) -> Ef
 
 def _row_response(rng: np.random.Generator, rows: Rows, design: Design) -> Effect:
     turns, phase = wide(rng, 0.4, 1.2), rng.uniform(0, 6.28)
+    usual = np.sin(2 * np.pi * turns * rows.v / 31.0 + phase).mean()  # what all rows do alike is a gain's drift
 
     def apply(reality: Reality, amount: float) -> None:
         def warm(rows: Rows, light: np.ndarray) -> np.ndarray:
-            across = np.sin(2 * np.pi * turns * rows.v / 31.0 + phase)
+            across = np.sin(2 * np.pi * turns * rows.v / 31.0 + phase) - usual
             return light * (1.0 + amount * across * (rows.node_c["tof"] - 34.0) / 60.0)
 
         reality.electronics.append(warm)

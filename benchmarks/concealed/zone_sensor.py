@@ -16,6 +16,7 @@ from benchmarks.concealed.recipe import Recipe
 from benchmarks.concealed.sensor import Sensor
 
 BIN_M, BINS, PULSES = 0.02, 96, 40_000
+NEAR = 12  # bins either side of the peak that its centroid takes: what lies beyond would pull it to and fro by bins
 CHAMBER = (*DIE, "ambient_temperature_c", "step", "time_s")
 
 
@@ -72,7 +73,7 @@ def _model(rows: ZoneRows, hooks: Hooks) -> Expected:
     counts = histogram.sum(axis=1)
     middle = (np.arange(BINS) + 0.5) * BIN_M
     peak = np.argmax(rate, axis=1)
-    near = np.abs(np.arange(BINS)[None, :] - peak[:, None]) <= 6
+    near = np.abs(np.arange(BINS)[None, :] - peak[:, None]) <= NEAR
     weight = np.maximum(histogram - np.median(histogram, axis=1)[:, None], 0.0) * near
     centroid = (weight @ middle) / np.maximum(weight.sum(axis=1), 1e-9)
     std = {INTENSITY: np.sqrt(counts + 25.0), DISTANCE: 0.045 / np.sqrt(np.maximum(weight.sum(axis=1), 1.0)) + 2e-4}
