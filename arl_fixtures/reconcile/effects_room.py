@@ -33,6 +33,9 @@ _MOST_RAYS = 60_000
 _MOST_RINGS = 200
 _MOVED_BETWEEN: tuple[tuple[str, ...], ...] = (("step",), ("cycle", "step"))
 """Columns between whose values a scanner may have been moved, those tried first that part a table least."""
+_STATIONS = ("position", "station", "pose", "place")
+"""How names of columns begin that say where a sensor stands; a rail that carries the target has its range."""
+_MOST_STATIONS = 100
 _SPARSE = 1.5
 """Pixels' widths between rays of a camera from which what lies between two of them is not seen."""
 _FARTHEST, _MOST_LOG = 2.0, 4.0
@@ -156,7 +159,9 @@ def _of_one_surface(view: View) -> NDArray[np.bool_]:
 
 
 def _has_grid(view: View) -> bool:
-    return (view.varies("pixel_u") or view.varies("pixel_v")) and not turns_round(view)
+    """Whether pixels lie side by side: a column of beams that a stage turns is a scanner's."""
+    turned = view.varies("stage_angle_deg") and not (view.varies("pixel_u") or view.varies("azimuth_deg"))
+    return (view.varies("pixel_u") or view.varies("pixel_v")) and not (turned or turns_round(view))
 
 
 def _is_sparse(view: View) -> bool:
@@ -183,12 +188,20 @@ def places_and_rays(view: View, rays: FloatArray, far: FloatArray) -> tuple[IntA
     first = _alike(still, rays)
     if not seen.any() or apart(first, log, seen) <= ALIKE:
         return still, first
-    for moved in _MOVED_BETWEEN:
+    stations = _stations(view)
+    for moved in (*((name,) for name in stations), *_MOVED_BETWEEN, *(("step", name) for name in stations)):
         place = view.columns.group("dut", *moved)
         code = _alike(place, rays)
         if apart(code, log, seen) <= ALIKE:
             return place, code
     return still, first
+
+
+def _stations(view: View) -> list[str]:
+    """Columns that say where a sensor stands, as a length, a number or a name: of few levels."""
+    table = view.columns
+    told = sorted(n for n in (*table.numbers, *table.categories) if n.startswith(_STATIONS))
+    return [name for name in told if 1 < int(table.group(name).max()) + 1 <= _MOST_STATIONS]
 
 
 def _alike(place: IntArray, rays: FloatArray) -> IntArray:

@@ -11,8 +11,8 @@ WALLS = ((0.0, 2.4), (70.0, 1.7), (150.0, 2.9), (215.0, 1.9), (290.0, 3.3))
 POST_M, POST_RADIUS_M = np.array([1.1, -0.6]), 0.16
 
 
-def ranges_m(start, away):
-    """Range of every ray in the room, which has five walls and a post."""
+def ranges_m(start, away, *, post=True):
+    """Range of every ray in the room, which has five walls and a post or none."""
     far = np.full(len(start), np.inf)
     for bearing, distance in WALLS:
         normal = np.array([np.cos(np.radians(bearing)), np.sin(np.radians(bearing))])
@@ -21,7 +21,7 @@ def ranges_m(start, away):
     to = POST_M - start
     along = np.sum(to * away, axis=1)
     within = POST_RADIUS_M**2 - (np.sum(to**2, axis=1) - along**2)
-    return np.where((within > 0.0) & (along > 0.0), along - np.sqrt(np.maximum(within, 0.0)), far)
+    return np.where(post & (within > 0.0) & (along > 0.0), along - np.sqrt(np.maximum(within, 0.0)), far)
 
 
 def turntable(forward_m, left_m, seed=4):
@@ -84,3 +84,35 @@ def test_a_worm_is_told_by_the_slope_of_walls_between_two_stops():
     told = {p.name: p.value for p in found.parameters}
     assert told["period"] == pytest.approx(20.0, rel=0.01)
     assert np.hypot(told["sine"], told["cosine"]) == pytest.approx(0.012, rel=0.25)
+
+
+def carried_about(left_m, seed=3):
+    """A column of beams on a turntable that is put up at three places within every step."""
+    rng = np.random.default_rng(seed)
+    step, place, stop, row = grid(np.arange(3), np.arange(3), np.arange(90), np.arange(6))
+    position = np.array([-0.4, 0.1, 0.5])[place]
+    stage, up = 4.0 * stop, np.radians(3.0 * row - 10.5)
+    away = np.column_stack([np.cos(np.radians(stage)), np.sin(np.radians(stage))])
+    aside = np.column_stack([-away[:, 1], away[:, 0]])
+    start = np.column_stack([position, np.zeros(position.size)])
+    nominal, real, far = (
+        ranges_m(start + m * aside, away, post=False) / np.cos(up) for m in (0.0, left_m, 8.0 * left_m)
+    )
+    kept = np.abs(far - nominal) < 0.05  # no silhouettes
+    measured = real + 4e-4 * rng.normal(size=3)[step] + rng.normal(0.0, 0.004 / 3.0, real.size)
+    return columns_of(
+        {
+            "step": step[kept], "position_m": position[kept], "stage_angle_deg": stage[kept],
+            "azimuth_deg": np.zeros(kept.sum()), "elevation_deg": np.degrees(up[kept]),
+            "pixel_v": 7.0 - row[kept], "n_frames": np.full(kept.sum(), 9.0),
+            "sim_distance_m": nominal[kept], "sim_distance_m_std": np.full(kept.sum(), 0.004),
+            "sim_distance_m_repeat_std": np.full(kept.sum(), 4e-4), "distance_m": measured[kept],
+        },
+    )  # fmt: skip
+
+
+def test_beams_that_start_aside_of_the_axis_are_told_from_wherever_they_stand():
+    (found,) = diagnose(carried_about(1e-3))[0].findings
+    assert found.effect == "stage.eccentricity"
+    told = {p.name: p for p in found.parameters}
+    assert told["right"].value == pytest.approx(1e-3, rel=0.25)
