@@ -243,7 +243,7 @@ def _nearest(view: View, rows: IntArray, direction: FloatArray, device: IntArray
     rings = np.unique(np.round(height, 2))
     stretch = 1.0
     if 1 < rings.size <= _MOST_RINGS:
-        around = ray_column(view, "azimuth_deg")[rows]
+        around = np.degrees(np.arctan2(direction[:, 1], direction[:, 0]))  # a stage turns rays of one azimuth
         along = max(float(np.ptp(around)) * rings.size / rows.size, 1e-6)
         stretch = float(np.clip(along / np.median(np.diff(rings)), 0.02, 1.0))
     level = direction[:, :2] / np.maximum(np.hypot(*direction[:, :2].T), 1e-9)[:, None]

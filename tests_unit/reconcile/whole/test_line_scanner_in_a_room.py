@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.view import View
 from tests_unit.reconcile.whole.test_seldom_names import columns_of, grid
 
 WALLS = ((0.0, 2.4), (70.0, 1.7), (150.0, 2.9), (215.0, 1.9), (290.0, 3.3))
@@ -116,3 +118,27 @@ def test_beams_that_start_aside_of_the_axis_are_told_from_wherever_they_stand():
     assert found.effect == "stage.eccentricity"
     told = {p.name: p for p in found.parameters}
     assert told["right"].value == pytest.approx(1e-3, rel=0.25)
+
+
+def test_walls_are_told_by_the_beams_about_a_beam_and_not_by_those_above_it_alone():
+    """A third of the stops is seen from each place: the next beam beside lies four to twenty degrees away."""
+    rng = np.random.default_rng(5)
+    step, stop, row = grid(np.arange(3), np.arange(90), np.arange(8))
+    position = np.array([-0.4, 0.1, 0.5])[rng.integers(0, 3, (3, 90))][step, stop]
+    stage, up = 4.0 * stop, np.radians(3.0 * row - 10.5)
+    away = np.column_stack([np.cos(np.radians(stage)), np.sin(np.radians(stage))])
+    aside = np.column_stack([-away[:, 1], away[:, 0]])
+    start = np.column_stack([position, np.zeros(position.size)])
+    nominal, real = (ranges_m(start + m * aside, away, post=False) / np.cos(up) for m in (0.0, 1e-3))
+    table = columns_of(
+        {
+            "step": step, "position_m": position, "stage_angle_deg": stage, "azimuth_deg": np.zeros(stage.size),
+            "elevation_deg": np.degrees(up), "pixel_v": 7.0 - row, "n_frames": np.ones(stage.size),
+            "sim_distance_m": nominal, "sim_distance_m_std": np.full(stage.size, 0.004), "distance_m": real,
+        },
+    )  # fmt: skip
+    effect, view = library()["stage.eccentricity"], View(table)
+    variant = next(v for v in effect.variants(view) if v.options["frame"] == "sensor")
+    state = view.fresh_state()
+    effect.apply(variant, {"forward": 0.0, "right": 1e-3}, state, view)
+    assert np.mean(np.abs(state["distance_m"] - real) > 2e-4) < 0.03
