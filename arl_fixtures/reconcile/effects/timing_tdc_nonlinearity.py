@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from arl_fixtures.reconcile.columns import IntArray
 from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
@@ -33,6 +34,7 @@ at four phases of a wave that has a third harmonic, and the next."""
 PHASES, FEWEST_MET, AGAIN = 12, 0.05, 0.4
 """Parts of a period; share of an even part's distances from which one is seen in a turn; share of the parts that are
 seen which must be so in several turns."""
+GRAINS = 20_000
 HARMONICS = 3
 """Waves in a period by which cells of unequal length are told: their error, a sum of many, has little above."""
 
@@ -172,13 +174,24 @@ def _distinct(view: View, distance: str, spread: float) -> int:
 
 def _comes_again(view: View, distance: str, period: float) -> bool:
     """Whether enough of the distances lie where others lie whole periods away: else any curve is such a shape."""
-    values = view.columns.numbers[f"sim_{distance}"]
-    turns = values[np.isfinite(values)] / period
-    place, turn = np.floor(PHASES * (turns % 1.0)).astype(np.int64), np.floor(turns).astype(np.int64)
-    met, rows = np.unique(np.stack([place, turn - turn.min()]), axis=1, return_counts=True)
-    often = rows > FEWEST_MET * rows.sum() / PHASES
-    visits = np.bincount(met[0][often], minlength=PHASES)
+    levels, rows = _levels(view, distance)
+    part = np.floor(PHASES * levels / period).astype(np.int64)
+    turn = part // PHASES - int(part.min()) // PHASES
+    met = np.bincount(PHASES * turn + part % PHASES, rows, minlength=PHASES * (int(turn.max()) + 1))
+    visits = np.sum(met.reshape(-1, PHASES) > FEWEST_MET * rows.sum() / PHASES, axis=0)
     return int(np.sum(visits > 1)) >= AGAIN * max(int(np.sum(visits > 0)), 1)
+
+
+def _levels(view: View, distance: str) -> tuple[FloatArray, IntArray]:
+    """Different simulated distances of the table, to a twenty-thousandth of their spread, and the rows of each."""
+
+    def count() -> tuple[FloatArray, IntArray]:
+        values = view.columns.numbers[f"sim_{distance}"]
+        grain = _spread(view, distance)[0] / GRAINS
+        levels, rows = np.unique(np.round(values[np.isfinite(values)] / grain), return_counts=True)
+        return levels * grain, rows
+
+    return per_table(view, ("levels", distance), count)
 
 
 def _names(order: int) -> tuple[str, str]:
