@@ -61,8 +61,8 @@ class Eccentricity(Effect):
         unit = unit_of(distances(view)[0])
         size = per_metre(unit)
         for frame, way in product(frames, ways_of_looking(view)):
-            if frame == "sensor" and not (view.varies("azimuth_deg") or _is_about_planes(view)):
-                continue
+            if frame == "sensor" and not view.varies("azimuth_deg") and room_of(view, found.sign) is None:
+                continue  # only walls that lie aslant tell a beam that starts aside from one that starts nearer
             yield Variant(
                 effect=self.id,
                 options={"frame": frame, **way},
@@ -133,12 +133,6 @@ class Eccentricity(Effect):
 
 
 _AXES = ("forward", "right")
-
-
-def _is_about_planes(view: View) -> bool:
-    """Whether planes that lie aslant tell a beam that starts aside from one that starts nearer."""
-    found = scene(view)
-    return found is not None and room_of(view, found.sign) is not None
 
 
 def _pose(variant: Variant, view: View, forward: float, right: float) -> Pose:

@@ -60,8 +60,11 @@ def test_frames_that_scatter_over_a_carry_have_the_bit_set_in_a_part_of_them():
             assert is_set(np.array([code]), 512.0, scatter)[0] == pytest.approx(np.mean((frames >> 9) & 1), abs=0.01)
 
 
-@pytest.mark.parametrize("seed", [7, 12])
-def test_a_bit_that_is_off_in_the_cold_is_told_with_its_temperature_and_not_by_what_steps_share(save, tmp_path, seed):
+@pytest.mark.parametrize(
+    ("seed", "cold"),
+    [(7, "housing_temperature_c"), (12, "step")],  # the last two steps are the coldest ones
+)
+def test_a_bit_that_is_off_in_the_cold_is_told_with_it_and_not_by_what_steps_share(save, tmp_path, seed, cold):
     def of_cold(seed, cycles, cycle):
         """Frames in which a line of one bit contacts the less often the colder it is, of steps that scatter."""
         rng = np.random.default_rng(seed)
@@ -86,6 +89,7 @@ def test_a_bit_that_is_off_in_the_cold_is_told_with_its_temperature_and_not_by_w
     reconcile(save(tmp_path / "t.parquet", seen), tmp_path / "out")
     (finding,) = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["findings"]
     assert finding["effect"] == "unknown"
+    assert set(finding["drivers"]) == {"sim_intensity_counts", cold}
     assert "[bit 64 of sim_intensity_counts]" in finding["law"]["expression"]
     simulated = {name: values for name, values in unseen.items() if name != "intensity_counts"}
     predict(tmp_path / "out", save(tmp_path / "u.parquet", simulated), tmp_path / "p.parquet")

@@ -88,10 +88,9 @@ def test_a_worm_is_told_by_the_slope_of_walls_between_two_stops():
     assert np.hypot(told["sine"], told["cosine"]) == pytest.approx(0.012, rel=0.25)
 
 
-def carried_about(left_m, seed=3):
+def carried_about(place, step, stop, row, left_m, seed=3):
     """A column of beams on a turntable that is put up at three places within every step."""
     rng = np.random.default_rng(seed)
-    step, place, stop, row = grid(np.arange(3), np.arange(3), np.arange(90), np.arange(6))
     position = np.array([-0.4, 0.1, 0.5])[place]
     stage, up = 4.0 * stop, np.radians(3.0 * row - 10.5)
     away = np.column_stack([np.cos(np.radians(stage)), np.sin(np.radians(stage))])
@@ -110,11 +109,12 @@ def carried_about(left_m, seed=3):
             "sim_distance_m": nominal[kept], "sim_distance_m_std": np.full(kept.sum(), 0.004),
             "sim_distance_m_repeat_std": np.full(kept.sum(), 4e-4), "distance_m": measured[kept],
         },
-    )  # fmt: skip
+    ), real[kept]  # fmt: skip
 
 
 def test_beams_that_start_aside_of_the_axis_are_told_from_wherever_they_stand():
-    (found,) = diagnose(carried_about(1e-3))[0].findings
+    step, place, stop, row = grid(np.arange(3), np.arange(3), np.arange(90), np.arange(6))
+    (found,) = diagnose(carried_about(place, step, stop, row, 1e-3)[0])[0].findings
     assert found.effect == "stage.eccentricity"
     told = {p.name: p for p in found.parameters}
     assert told["right"].value == pytest.approx(1e-3, rel=0.25)
@@ -122,21 +122,9 @@ def test_beams_that_start_aside_of_the_axis_are_told_from_wherever_they_stand():
 
 def test_walls_are_told_by_the_beams_about_a_beam_and_not_by_those_above_it_alone():
     """A third of the stops is seen from each place: the next beam beside lies four to twenty degrees away."""
-    rng = np.random.default_rng(5)
     step, stop, row = grid(np.arange(3), np.arange(90), np.arange(8))
-    position = np.array([-0.4, 0.1, 0.5])[rng.integers(0, 3, (3, 90))][step, stop]
-    stage, up = 4.0 * stop, np.radians(3.0 * row - 10.5)
-    away = np.column_stack([np.cos(np.radians(stage)), np.sin(np.radians(stage))])
-    aside = np.column_stack([-away[:, 1], away[:, 0]])
-    start = np.column_stack([position, np.zeros(position.size)])
-    nominal, real = (ranges_m(start + m * aside, away, post=False) / np.cos(up) for m in (0.0, 1e-3))
-    table = columns_of(
-        {
-            "step": step, "position_m": position, "stage_angle_deg": stage, "azimuth_deg": np.zeros(stage.size),
-            "elevation_deg": np.degrees(up), "pixel_v": 7.0 - row, "n_frames": np.ones(stage.size),
-            "sim_distance_m": nominal, "sim_distance_m_std": np.full(stage.size, 0.004), "distance_m": real,
-        },
-    )  # fmt: skip
+    place = np.random.default_rng(5).integers(0, 3, (3, 90))[step, stop]
+    table, real = carried_about(place, step, stop, row, 1e-3)
     effect, view = library()["stage.eccentricity"], View(table)
     variant = next(v for v in effect.variants(view) if v.options["frame"] == "sensor")
     state = view.fresh_state()
