@@ -9,7 +9,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.effects_surface import TOGETHER
 from arl_fixtures.reconcile.fit import Fit
-from arl_fixtures.reconcile.own_driver import driven_by
+from arl_fixtures.reconcile.own_driver import driven_by, drives_another_part
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import PIXEL_COLUMNS, Role
 from arl_fixtures.reconcile.screen import FEW_AMPLITUDES, Candidate, Surcharge
@@ -90,6 +90,20 @@ def is_as_good(ranked: Ranked, best: Ranked) -> bool:
     return share * (best.gain - ranked.gain) < TWIN_GAIN
 
 
+def simplest(ranked: Ranked) -> tuple[bool, int, bool, int, int, float, str]:
+    """Order of candidates that explain as much: what asks few numbers, no pattern of pixels, then few columns.
+
+    A law of pixels beside which one that is the same in all of them says as much has shown no pattern. Equal ones
+    stand in the order of their names, not of rounding errors.
+    """
+    term, gain = ranked.candidate.term, ranked.gain
+    drivers = len(term.variant.drivers)
+    return (
+        drives_another_part(term), ranked.candidate.free, bool(PIXEL_COLUMNS & set(term.variant.drivers)),
+        -round(gain), drivers, -round(gain, 1), term.effect.id,
+    )  # fmt: skip
+
+
 def _before(terms: Sequence[Term]) -> list[Term]:
     """Terms before the last that share a channel with it: of what moves means one of the means."""
     own = set(terms[-1].variant.channels)
@@ -147,5 +161,3 @@ def is_rounding(problem: Problem, base: Fit, ranked: Ranked) -> bool:
             return False
         largest = max(largest, float(np.quantile(change, 0.95)))
     return largest < LEAST_SCATTER
-
-

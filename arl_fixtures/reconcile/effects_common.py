@@ -211,6 +211,17 @@ def age_options(view: View, column: str, *, by_pixel: bool = False) -> dict[str,
     return options
 
 
+def age_scales(view: View, column: str, *, by_pixel: bool = False) -> list[dict[str, float]]:
+    """What an age may be counted from, as `age_options`: its first value, and nil where a record begins later.
+
+    The user's constants stand for what was lost before the first recorded cycle; without any the simulation is of a
+    new sensor.
+    """
+    own = age_options(view, column, by_pixel=by_pixel)
+    begun = column != "time_s" and own["first"] > 0.0 and "calibrated" not in own
+    return [own, {**own, "first": 0.0}] if begun else [own]
+
+
 def unit_per(column: str, unit: str = "1") -> str:
     """Unit of a slope: `unit` per unit of the column, kelvin for temperatures."""
     below = unit_of(column)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from arl_fixtures.reconcile.acceptance import PRICE, evidence
+from arl_fixtures.reconcile.acceptance import PRICE, evidence, is_as_good, simplest
 from arl_fixtures.reconcile.fit import Fit, finish, fit
 from arl_fixtures.reconcile.free_constants import constant_z, constants_alone, zero_z
 from arl_fixtures.reconcile.rivals import is_structure
@@ -54,7 +54,8 @@ def with_constants_held(search: Search, stage: Stage, chance: Screening) -> Stag
     if not sure:
         _free_constants(search, shifted, free=True)
         return stage
-    chosen = max(sure, key=lambda r: r.gain)
+    best = max(sure, key=lambda r: r.gain)
+    chosen = min((r for r in sure if is_as_good(r, best)), key=simplest)
     return replace(
         stage, base=bare, p_value=chance.p_value(evidence(chosen, search.surcharge)), ranked=other.ranked,
         chosen=chosen,

@@ -75,7 +75,8 @@ class Level:
         root = np.sqrt(np.minimum(weight, float(np.median(weight[weight > 0.0]))))
         mean = sums / np.maximum(weight, 1e-300)
         fitted = np.linalg.lstsq(root[:, None] * self.smooth, root * mean, rcond=1e-9)[0]
-        return np.asarray(sums - weight * (self.smooth @ fitted))
+        beyond = np.asarray(sums - weight * (self.smooth @ fitted))
+        return np.where(np.abs(beyond) < np.abs(sums), beyond, sums)
 
 
 def less_constants(

@@ -20,6 +20,7 @@ from arl_fixtures.reconcile.acceptance import (
     is_repeat,
     is_rounding,
     lacks_essential,
+    simplest,
     worth,
 )
 from arl_fixtures.reconcile.calibrated_units import (
@@ -41,7 +42,6 @@ from arl_fixtures.reconcile.fit import Fit, finish, fit, hold_back_edges
 from arl_fixtures.reconcile.grouping import find_groups, typical_gaps
 from arl_fixtures.reconcile.misfit import is_misfit
 from arl_fixtures.reconcile.noise import ordered_like
-from arl_fixtures.reconcile.own_driver import drives_another_part
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.ranking import POLISHED, polished, rank
@@ -293,7 +293,7 @@ class Search:
         ranked = self.rank(base, shortlist([c for c in screening.candidates if not is_repeat(base, c)]))
         sure = self._sure(base, chance, ranked)
         close = [r for r in sure if is_as_good(r, sure[0])]
-        chosen = min(close, key=_simplest, default=None)
+        chosen = min(close, key=simplest, default=None)
         if chosen is not None:
             chosen = self._nearest([r for r in close if r.candidate.free == chosen.candidate.free], chosen)
         if chosen is not None and ranked[0] is not chosen and ranked[0].gain > 3.0 * max(chosen.gain, 1.0):
@@ -306,7 +306,7 @@ class Search:
             simpler = self.rank(base, simpler_lookalikes(base, screening, chosen, ranked)[:POLISHED])
             best = chosen
             chosen = min(
-                (r for r in self._sure(base, chance, simpler) if is_as_good(r, best)), key=_simplest, default=chosen
+                (r for r in self._sure(base, chance, simpler) if is_as_good(r, best)), key=simplest, default=chosen
             )
             chosen = self._rather_two(base, screening, chance, chosen)
             ranked = sorted([*ranked, *further, *simpler], key=lambda r: -r.gain)
@@ -347,13 +347,3 @@ class Search:
     def rank(self, base: Fit, candidates: Sequence[Candidate]) -> list[Ranked]:
         """Fit each candidate beside the base's terms, best first."""
         return rank(self.full, self.small, base, candidates)
-
-
-def _simplest(ranked: Ranked) -> tuple[bool, int, int, int, float, str]:
-    """Order of candidates that explain as much: what asks few numbers, then few columns.
-
-    Equal ones stand in the order of their names, not of rounding errors.
-    """
-    term, gain = ranked.candidate.term, ranked.gain
-    drivers = len(term.variant.drivers)
-    return drives_another_part(term), ranked.candidate.free, -round(gain), drivers, -round(gain, 1), term.effect.id

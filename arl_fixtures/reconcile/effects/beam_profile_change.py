@@ -12,7 +12,7 @@ from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     LightFactor,
     age_drivers,
-    age_options,
+    age_scales,
     aged,
     amplitude,
     excess,
@@ -175,9 +175,7 @@ def _scales(view: View, driver: str) -> list[dict[str, Option]]:
         return [{}]
     if driver not in age_drivers(view):
         return [{"reference": reference(view, driver), "range": span(view, driver)}]
-    own: dict[str, Option] = {**age_options(view, driver, by_pixel=True)}
-    begun = driver != "time_s" and float(own["first"]) > 0.0 and "calibrated" not in own
-    return [own, {**own, "first": 0.0}] if begun else [own]
+    return [{**scale} for scale in age_scales(view, driver, by_pixel=True)]
 
 
 def _size(view: View, variant: Variant, values: Values, driver: str) -> FloatArray | float:

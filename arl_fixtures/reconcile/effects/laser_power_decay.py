@@ -14,6 +14,7 @@ from arl_fixtures.reconcile.effects_common import (
     LightFactor,
     age_drivers,
     age_options,
+    age_scales,
     aged,
     amplitude,
     light_channels,
@@ -64,13 +65,14 @@ class PowerDecay(LightFactor):
                 plain: dict[str, Option] = {"channel": channel, "age": column, "temperature": ""}
                 loss = amplitude("loss", "1", 0.0, 3.0, 0.05)
                 exponent = shape("exponent", "1", 0.25, 3.0, 1.0)
-                yield Variant(
-                    effect=self.id,
-                    options={**plain, **age_options(view, column)},
-                    parameters=(loss, exponent),
-                    channels=light_channels(view, channel),
-                    drivers=(column,),
-                )
+                for scale in age_scales(view, column):
+                    yield Variant(
+                        effect=self.id,
+                        options={**plain, **scale},
+                        parameters=(loss, exponent),
+                        channels=light_channels(view, channel),
+                        drivers=(column,),
+                    )
                 yield from _each(view, plain, column, exponent)
                 if column == "cycle" and view.varies("time_s"):
                     yield Variant(
@@ -155,7 +157,8 @@ class PowerDecay(LightFactor):
             stress, origin = variant.options["stress"], variant.options["reference"]
             grown += f" * exp(activation_energy / k (1 / {origin} - 1 / {stress})) (temperatures in kelvin)"
         loss = "loss[dut]" if "units" in variant.options else "loss"
-        law = f"{channel} *= exp(-{loss} * {grown}), a = {column} from 0 (first) to 1 (last)"
+        first, last = float(variant.options["first"]), float(variant.options["last"])
+        law = f"{channel} *= exp(-{loss} * {grown}), a = {column} from 0 (at {first:g}) to 1 (at {last:g})"
         if "current" in variant.options:
             law = f"{channel} = {channel}({variant.options['current']} - threshold_rise * {grown}), then {law}"
         return law
@@ -168,6 +171,7 @@ class PowerDecay(LightFactor):
         which = "" if len(losses) == 1 else ", each unit by its own share"
         column = str(variant.options["age"])
         low, high = view.span(column) if view.has(column) else (0.0, 0.0)
+        low = min(low, float(variant.options["first"]))
         warm = variant.options["temperature"] or variant.options.get("stress", "")
         faster = f", faster while {warm} is high" if warm else ""
         if "stress" in variant.options:
