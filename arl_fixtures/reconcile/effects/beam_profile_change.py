@@ -7,13 +7,11 @@ from collections.abc import Iterable
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Option, Parameter, Stage, Values, Variant
+from arl_fixtures.reconcile.effects_age import age_drivers, age_scales, aged
 from arl_fixtures.reconcile.effects_arrhenius import arrhenius
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     LightFactor,
-    age_drivers,
-    age_scales,
-    aged,
     amplitude,
     excess,
     light_channels,

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Parameter, Stage, Values, Variant
+from arl_fixtures.reconcile.effects_age import age_drivers
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     LightFactor,
-    age_drivers,
     amplitude,
     excess,
     light_channels,

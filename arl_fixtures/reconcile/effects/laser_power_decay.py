@@ -8,14 +8,11 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Option, Parameter, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_age import age_drivers, age_options, age_scales, aged
 from arl_fixtures.reconcile.effects_arrhenius import arrhenius
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     LightFactor,
-    age_drivers,
-    age_options,
-    age_scales,
-    aged,
     amplitude,
     light_channels,
     per_view,
