@@ -40,10 +40,11 @@ class Axis:
         column: feature name (see `features_of`).
         kind: `linear`, `ratio` (to the middle: nil at nil), `square`, `size` (without its sign), `above`, `below`
             (hinges), `step`, `band` (1 between two edges, else 0), `peak` (of a resonance: 1 at its place), `exp`,
-            `inverse`, `log`, `sin`, `cos`, `parity`, `is` (a category), `bit` (whether a code has it set), `table`
-            (one value per bin), `curve` (straight lines between knots), `rings` (sine) and `ring_cos` of an angle
-            (see `ring_of`), `one`.
-        middle, width: the ratio is (x − middle) / width.
+            `inverse`, `log`, `sin`, `cos`, `saw` (a ramp over each period, from -1/2 to 1/2), `parity`, `is` (a
+            category), `bit` (whether a code has it set), `table` (one value per bin), `curve` (straight lines
+            between knots), `rings` (sine) and `ring_cos` of an angle (see `ring_of`), `gap_rings` and `gap_ring_cos`
+            (see `gap_ring_of`), `one`.
+        middle, width: the ratio is (x − middle) / width. Of a `saw` the middle is where it falls back.
         at: knot, place or period in the column's unit, angle at which a ring ends, weight of a bit, or number of a
             category.
         beside, lean: second column of a hinge or step whose place moves with it: then of x + lean · y, lean
@@ -108,6 +109,9 @@ class Axis:
             "above": f"max({c} - {a}, 0)/{w}", "below": f"max({a} - {c}, 0)/{w}", "step": f"[{c} > {a}]",
             "exp": f"exp(3*({c} - {m})/{w})", "inverse": f"{m}/{c}", "log": f"ln({c}/{m})",
             "rings": f"sin(2*pi*sin({c})^2/sin({a})^2)", "ring_cos": f"cos(2*pi*sin({c})^2/sin({a})^2)",
+            "gap_rings": f"sin(2*pi*(1 - cos({c}))/(1 - cos({a})))",
+            "gap_ring_cos": f"cos(2*pi*(1 - cos({c}))/(1 - cos({a})))",
+            "saw": f"(({c} - {m})/{a} mod 1 - 1/2)",
             "sin": f"sin(2*pi*{c}/{a})", "cos": f"cos(2*pi*{c}/{a})", "parity": f"(-1)^{c}",
             "peak": f"1/(1 + (({c} - {a})/{w})^2)",
             "band": "[" + f" < {c} < ".join(f"{x:.5g}" for x in self.edges) + "]",
@@ -236,10 +240,16 @@ def _function(kind: str, x: FloatArray, axis: Axis) -> FloatArray:
             return np.asarray(np.sin(2.0 * np.pi * x / axis.at))
         case "cos":
             return np.asarray(np.cos(2.0 * np.pi * x / axis.at))
+        case "saw":
+            return np.asarray(np.mod((x - axis.middle) / axis.at, 1.0) - 0.5)
         case "rings":
             return np.asarray(np.sin(2.0 * np.pi * ring_of(x) / ring_of(axis.at)))
         case "ring_cos":
             return np.asarray(np.cos(2.0 * np.pi * ring_of(x) / ring_of(axis.at)))
+        case "gap_rings":
+            return np.asarray(np.sin(2.0 * np.pi * gap_ring_of(x) / gap_ring_of(axis.at)))
+        case "gap_ring_cos":
+            return np.asarray(np.cos(2.0 * np.pi * gap_ring_of(x) / gap_ring_of(axis.at)))
         case "table":
             return np.asarray(np.asarray(axis.values)[axis.bin_of(x)])
         case "curve":
@@ -255,6 +265,11 @@ def _function(kind: str, x: FloatArray, axis: Axis) -> FloatArray:
 def ring_of(angle_deg: FloatArray | float) -> FloatArray:
     """Square of an angle's sine: the phase between a plate's two faces falls by it (Born & Wolf, sec. 7.6), (n,)."""
     return np.asarray(np.sin(np.radians(angle_deg)) ** 2)
+
+
+def gap_ring_of(angle_deg: FloatArray | float) -> FloatArray:
+    """1 - cos of an angle: the phase between the two sides of an empty gap falls by it (same source), (n,)."""
+    return np.asarray(1.0 - np.cos(np.radians(angle_deg)))
 
 
 def thresholds(values: FloatArray, shares: Sequence[float]) -> list[float]:

@@ -266,10 +266,21 @@ def folded(name: str, turns: float) -> Axis:
     return Axis(column=name, kind="table", at=1.0 / turns, edges=tuple(np.arange(1, 8) / 8.0 / turns))
 
 
-def rings_of(name: str, turns: float) -> tuple[tuple[Axis, ...], ...]:
-    """Sine and cosine of 2π·turns·sin²(column), over a column in degrees."""
-    end = float(np.degrees(np.arcsin(min(turns**-0.5, 1.0))))
-    return tuple((Axis(column=name, kind=kind, at=end),) for kind in ("rings", "ring_cos"))
+def rings_of(name: str, turns: float, *, gap: bool = False) -> tuple[tuple[Axis, ...], ...]:
+    """Sine and cosine of 2π·turns·sin²(column), over a column in degrees; of a gap those of 2π·turns·(1 - cos)."""
+    if gap:
+        end, kinds = float(np.degrees(np.arccos(1.0 - min(1.0 / turns, 2.0)))), ("gap_rings", "gap_ring_cos")
+    else:
+        end, kinds = float(np.degrees(np.arcsin(min(turns**-0.5, 1.0)))), ("rings", "ring_cos")
+    return tuple((Axis(column=name, kind=kind, at=end),) for kind in kinds)
+
+
+def moving_rings_of(
+    name: str, turns: float, second: str, more: float, *, gap: bool = False
+) -> tuple[tuple[Axis, ...], ...]:
+    """Products of rings over a column in degrees and of waves over a second column, turns per unit of each."""
+    rings, waves = rings_of(name, turns, gap=gap), waves_of(second, more)
+    return tuple((*ring, *wave) for ring in rings for wave in waves)
 
 
 def is_proxy(column: str) -> bool:

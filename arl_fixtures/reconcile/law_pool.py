@@ -29,6 +29,7 @@ from arl_fixtures.reconcile.law_basis import (
     is_proxy,
     map_of,
     moves_waves,
+    moving_rings_of,
     price_of,
     rings_of,
     smooth_prior,
@@ -41,7 +42,7 @@ from arl_fixtures.reconcile.law_crossed import crossed_of
 from arl_fixtures.reconcile.law_lean import leant_of
 from arl_fixtures.reconcile.law_peaks import peaks_of
 from arl_fixtures.reconcile.law_pixels import drifts_of
-from arl_fixtures.reconcile.law_waves import best_pair_wave, best_rings, best_wave
+from arl_fixtures.reconcile.law_waves import best_moving_rings, best_pair_wave, best_rings, best_wave
 from arl_fixtures.reconcile.law_work import Candidate, Work
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.roles import FIELD_COLUMNS, PIXEL, Role
@@ -96,9 +97,11 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
                 if wave.turns * np.ptp(values[np.isfinite(values)]) >= FEWEST_TURNS:
                     phase, more = folded(name, wave.turns), PRICE_TWO + 2.0 + extra + wave.price
                     bases.append(Basis(axes=(phase,), prior=np.eye(phase.count), price=more))
-            rings = best_rings(work, name) if name == FIELD_COLUMNS[0] and in_degrees(view) else None
-            if rings:
-                bases.append(Basis(waves=rings_of(name, rings.turns), price=PRICE_TWO + extra + rings.price))
+            for gap in (False, True) if name == FIELD_COLUMNS[0] and in_degrees(view) else ():
+                rings = best_rings(work, name, gap=gap)
+                if rings:
+                    waves, price = rings_of(name, rings.turns, gap=gap), PRICE_TWO + extra + rings.price
+                    bases.append(Basis(waves=waves, price=price))
         ratios = [b for b in bases if _is_ratio(b)]  # alone it is a line
         made = pool.add(b for b in bases if not _is_ratio(b))
         ranked[name] = max((item.gain for item in made), default=0.0)
@@ -120,6 +123,7 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
     pool.add(where_bits(work, likely_bits(bits), names, simple))
     pool.add(_pairs(work, looker, names, simple))
     pool.add(_moving(work, names, (*ORDERS, *view.temperatures()[:2])))
+    pool.add(_moving_rings(work, looker, (*ORDERS, *view.temperatures())))
     lines = [m.basis.axes[0] for n in names for m in simple.get(n, []) if m.basis.axes[0].kind == "linear"]
     numeric = [n for n in ranking if not (n in units or (not n.startswith(("~", "sim_")) and view.is_category(n)))]
     pool.add(bands_of(work, numeric, lines))
@@ -248,6 +252,18 @@ def _moving(work: Work, names: Sequence[str], orders: Sequence[str]) -> Iterator
             if turns is not None:
                 price = price_of((place, order)) + PRICE_ONE + PRICE_PRODUCT + PRICE_PAIR_WAVE
                 yield Basis(waves=waves_of(place, turns[0], order, turns[1]), price=price)
+
+
+def _moving_rings(work: Work, looker: Looker, orders: Sequence[str]) -> Iterator[Basis]:
+    """Rings over the field that move as a gap opens or a line drifts: interference between two faces."""
+    place = FIELD_COLUMNS[0]
+    if place not in work.features or not in_degrees(looker.problem.view):
+        return
+    for order, gap in ((n, gap) for n in orders if n in work.features for gap in (False, True)):
+        turns = best_moving_rings(work, place, order, gap=gap)
+        if turns is not None:
+            price = price_of((place, order)) + PRICE_ONE + PRICE_PRODUCT + PRICE_PAIR_WAVE
+            yield Basis(waves=moving_rings_of(place, turns[0], order, turns[1], gap=gap), price=price)
 
 
 def is_mark(factor: Axis, work: Work) -> bool:

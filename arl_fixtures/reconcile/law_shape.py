@@ -23,6 +23,9 @@ LEAST_BETTER = 1.0
 """Log-likelihood on unseen blocks by which another place must do better than the one of the grid."""
 TURNS = (tuple(np.linspace(-0.125, 0.125, 11)), tuple(np.linspace(-0.02, 0.02, 9)))
 """Turns over a column's span by which a wave is made shorter or longer: the grid's spacing, then a part of it."""
+FALLS = (1.0, 0.1, 0.02)
+"""Parts of a period within which a ramp over it may fall back, and halves of turns over the column's span by which
+that is made shorter or longer: looked at ever finer."""
 LONGER = 0.5
 """Log-likelihood by which another length must fit better: what lies within an error keeps the grid's."""
 
@@ -34,6 +37,7 @@ def sharpened(work: Work, chosen: Chosen) -> Chosen:
             chosen = _tuned(work, chosen, place, column, period)
         if term.basis.waves:
             continue
+        chosen = _sawn(work, chosen, place)
         for number, axis in enumerate(term.basis.axes):
             if axis.kind not in KINKED and axis.kind != "peak" and not axis.beside:
                 continue
@@ -45,6 +49,42 @@ def sharpened(work: Work, chosen: Chosen) -> Chosen:
                     best = trial
             chosen = best
     return chosen
+
+
+def _sawn(work: Work, chosen: Chosen, place: int) -> Chosen:
+    """A law with a ramp that falls back once a period, in the place of a table over it, where that says as much.
+
+    A laser that jumps to its next mode, a phase that wraps, an interpolator that restarts: a table's bins blur it.
+    """
+    term = chosen.terms[place]
+    number = next((k for k, axis in enumerate(term.basis.axes) if axis.is_open and _swings(axis)), None)
+    if number is None:
+        return chosen
+    axis = term.basis.axes[number]
+    values = work.features[axis.column]
+    span = float(np.nanmax(values) - np.nanmin(values))
+    left = joint(work, [t for k, t in enumerate(chosen.terms) if k != place]).left
+    middle = float(np.nanmean(values))  # from where a fall hardly moves as the period does
+    turns, fall, best = span / axis.at, middle, term
+    for reach in FALLS:
+        saws = [
+            Basis(axes=_with(term.basis.axes, number, _saw(axis.column, span / more, at)), price=term.basis.price)
+            for more in turns + np.linspace(-1.0, 1.0, 9) * 0.5 * reach if more > 1.0
+            for at in fall + np.linspace(-0.5, 0.5, 17) * reach * axis.at
+        ]  # fmt: skip
+        best = max(Candidates(work, left).add(saws), key=lambda item: item.gain)
+        found = best.basis.axes[number]
+        turns, fall = span / found.at, found.middle
+    trial = joint(work, [*chosen.terms[:place], best, *chosen.terms[place + 1 :]])
+    return trial if best.gain > term.gain and trial.held > chosen.held - LEAST_BETTER else chosen
+
+
+def _with(axes: tuple[Axis, ...], number: int, axis: Axis) -> tuple[Axis, ...]:
+    return (*axes[:number], axis, *axes[number + 1 :])
+
+
+def _saw(column: str, period: float, fall: float) -> Axis:
+    return Axis(column=column, kind="saw", at=period, middle=fall)
 
 
 def _others(work: Work, left: FloatArray, basis: Basis, number: int) -> Iterator[Basis]:

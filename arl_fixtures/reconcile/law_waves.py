@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
-from arl_fixtures.reconcile.law import ring_of
+from arl_fixtures.reconcile.law import gap_ring_of, ring_of
 from arl_fixtures.reconcile.law_work import Work
 
 FAR_APART, FAR_BESIDE = 0.9, 0.25
@@ -39,10 +39,20 @@ class Wave(NamedTuple):
     price: float
 
 
-def best_rings(work: Work, name: str) -> Wave | None:
-    """The rings over an angle at which the residual swings most, in turns per square of its sine; at least one."""
-    wave = best_wave(work, name, values=ring_of(work.features[name]))
+def best_rings(work: Work, name: str, *, gap: bool = False) -> Wave | None:
+    """The rings over an angle at which the residual swings most, in turns per unit of `ring_of`; at least one."""
+    wave = best_wave(work, name, values=_rings(work, name, gap=gap))
     return wave if wave and wave.turns > 1.0 else None
+
+
+def best_moving_rings(work: Work, name: str, second: str, *, gap: bool = False) -> tuple[float, float] | None:
+    """Rings over an angle that move with a second column: turns per unit of `ring_of`, and per unit of that."""
+    turns = best_pair_wave(work, name, second, _rings(work, name, gap=gap))
+    return turns if turns and turns[0] > 1.0 else None
+
+
+def _rings(work: Work, name: str, *, gap: bool) -> FloatArray:
+    return gap_ring_of(work.features[name]) if gap else ring_of(work.features[name])
 
 
 def best_wave(
@@ -121,9 +131,16 @@ def _strongest(place: FloatArray, score: FloatArray, weight: FloatArray, most: f
     return float(order[np.argmax(np.divide(squares, determinant, out=drop, where=whole))]) / _PARTS
 
 
-def best_pair_wave(work: Work, first: str, second: str) -> tuple[float, float] | None:
-    """Turns per unit of two columns at which a wave over both is strongest, from a periodogram of cells."""
-    x, y = work.features[first], work.features[second]
+def best_pair_wave(
+    work: Work, first: str, second: str, values: FloatArray | None = None
+) -> tuple[float, float] | None:  # fmt: skip
+    """Turns per unit of two columns at which a wave over both is strongest, from a periodogram of cells.
+
+    Args:
+        work: the rows; first, second: names of the columns.
+        values: of another function of the first column than itself.
+    """
+    x, y = work.features[first] if values is None else values, work.features[second]
     good = np.isfinite(x) & np.isfinite(y)
     cells = []
     for values in (x[good], y[good]):
@@ -142,10 +159,10 @@ def best_pair_wave(work: Work, first: str, second: str) -> tuple[float, float] |
     score = np.bincount(flat, direction * work.residual[good], minlength=len(a) * len(b)).reshape(len(a), len(b))
     span_a, span_b = float(a[-1] - a[0]), float(b[-1] - b[0])
     most_a, most_b = (
-        most if name.endswith(("time_s", "time_s)")) else _told_turns(np.unique(work.features[name][good]), most)
-        for name, most in (
-            (first, min(len(a) / 3.0, MOST_TURNS, _most_turns(a, FAR_BESIDE))),
-            (second, min(MOST_TURNS, _most_turns(b, FAR_BESIDE))),
+        most if name.endswith(("time_s", "time_s)")) else _told_turns(np.unique(here[good]), most)
+        for name, here, most in (
+            (first, x, min(len(a) / 3.0, MOST_TURNS, _most_turns(a, FAR_BESIDE))),
+            (second, y, min(MOST_TURNS, _most_turns(b, FAR_BESIDE))),
         )
     )  # fmt: skip
     turns_a = np.arange(0.0, most_a, 0.125) / span_a

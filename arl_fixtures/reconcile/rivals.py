@@ -255,4 +255,4 @@ def is_outdone(
 
 def has_rings(law: Law) -> bool:
     """Whether a law says by rings over the field how pixels differ: two numbers, not one per pixel."""
-    return any(axis.kind == "rings" for term in law.terms for axis in term.axes)
+    return any(axis.kind in {"rings", "gap_rings"} for term in law.terms for axis in term.axes)
