@@ -53,6 +53,8 @@ FEWEST_TURNS = 2.0
 """Turns from which a form that recurs is one: of what is seen once or little more, the rest is a guess."""
 IMAGE, ORDERS = ("pixel_u", "pixel_v"), ("step", "time_s", "cycle", "stage_angle_deg")
 """Columns over which a pattern stands in the image, and over which it may move."""
+MOST_WAVES, GROWING = 4, frozenset({"linear", "ratio", "log", "inverse", "above", "below", "step"})
+"""Waves that are tried with another column, and functions of it with which their size may go."""
 MOST_MARKS, MOST_REFINED, FEW_SETTINGS = 20, 10, 4
 UNSHIFTED = frozenset({"is", "ratio", "step", "band", "peak", "above", "below", "parity", "one"})
 """Functions whose zero means something."""
@@ -134,6 +136,7 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
     pool.add(drifts_of(work, numeric))
     recorded = [n for n in sorted(numeric) if not n.startswith(("~", "sim_"))]
     pool.add(crossed_of(work, distinct(work, recorded), marks))
+    pool.add(_growing(work, names, simple, pool.items))
     pool.add(_refined(work, marks, pool.items))
     return pool
 
@@ -264,6 +267,22 @@ def _moving_rings(work: Work, looker: Looker, orders: Sequence[str]) -> Iterator
         if turns is not None:
             price = price_of((place, order)) + PRICE_ONE + PRICE_PRODUCT + PRICE_PAIR_WAVE
             yield Basis(waves=moving_rings_of(place, turns[0], order, turns[1], gap=gap), price=price)
+
+
+def _growing(
+    work: Work, names: Sequence[str], simple: dict[str, list[Candidate]], pool: Sequence[Candidate]
+) -> Iterator[Basis]:
+    """The strongest waves over one column, of a size that goes with another: nil somewhere, or from a place on."""
+    ranked = sorted(pool, key=lambda item: -item.gain)
+    waves = [item.basis for item in ranked if item.basis.waves and len(item.basis.columns) == 1]
+    for basis in waves[:MOST_WAVES]:
+        for name in (n for n in names if n not in basis.columns):
+            price = basis.price + PRICE_PRODUCT + price_of((name,)) + shared_price(work, (name,))
+            axes = [item.basis.axes[0] for item in varied(simple.get(name, []))]
+            sized = any(axis.kind == "ratio" for axis in axes)  # then a line that is nil in the middle is no size
+            for axis in axes:
+                if axis.kind in GROWING and not (sized and axis.kind == "linear"):
+                    yield replace(basis, waves=tuple((*p, axis) for p in basis.waves), price=price)
 
 
 def is_mark(factor: Axis, work: Work) -> bool:
