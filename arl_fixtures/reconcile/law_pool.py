@@ -276,7 +276,9 @@ def _growing(
     ranked = sorted(pool, key=lambda item: -item.gain)
     waves = [item.basis for item in ranked if item.basis.waves and len(item.basis.columns) == 1]
     for basis in waves[:MOST_WAVES]:
-        for name in (n for n in names if n not in basis.columns):
+        for name in names:
+            if len(distinct(work, [*basis.columns, name])) < 2:
+                continue
             price = basis.price + PRICE_PRODUCT + price_of((name,)) + shared_price(work, (name,))
             axes = [item.basis.axes[0] for item in varied(simple.get(name, []))]
             sized = any(axis.kind == "ratio" for axis in axes)  # then a line that is nil in the middle is no size
