@@ -19,6 +19,8 @@ from arl_fixtures.reconcile.law import OF_LABELS, Axis, Features
 from arl_fixtures.reconcile.roles import BEARING_SIGNS, PIXEL_COLUMNS, counts_visits, played, unit_of
 
 KNOTS, MAP_KNOTS = 12, 6
+FEWEST_TURNS = 2.0
+"""Turns from which a form that recurs is one: of what is seen once or little more, the rest is a guess."""
 FINE_KNOTS = 24
 """Knots of the curve of the shortest length."""
 SMOOTH, FINE = (0.4, 0.12), 0.05

@@ -12,6 +12,7 @@ from arl_fixtures.reconcile.features import in_degrees
 from arl_fixtures.reconcile.law import Axis, axes_of
 from arl_fixtures.reconcile.law_bands import MOST_LINES, bands_of
 from arl_fixtures.reconcile.law_basis import (
+    FEWEST_TURNS,
     FINE,
     FINE_KNOTS,
     KNOTS,
@@ -49,8 +50,6 @@ from arl_fixtures.reconcile.roles import FIELD_COLUMNS, PIXEL, Role
 
 MOST_LEADING = 7
 PRICE_PAIR_WAVE = 7.0
-FEWEST_TURNS = 2.0
-"""Turns from which a form that recurs is one: of what is seen once or little more, the rest is a guess."""
 IMAGE, ORDERS = ("pixel_u", "pixel_v"), ("step", "time_s", "cycle", "stage_angle_deg")
 """Columns over which a pattern stands in the image, and over which it may move."""
 MOST_WAVES, GROWING = 4, frozenset({"linear", "ratio", "log", "inverse", "above", "below", "step"})

@@ -9,7 +9,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.law import Axis, thresholds
-from arl_fixtures.reconcile.law_basis import Basis, folded
+from arl_fixtures.reconcile.law_basis import FEWEST_TURNS, Basis, folded
 from arl_fixtures.reconcile.law_candidates import Candidates
 from arl_fixtures.reconcile.law_fit import Chosen, joint
 from arl_fixtures.reconcile.law_lean import refined_lean
@@ -63,13 +63,15 @@ def _sawn(work: Work, chosen: Chosen, place: int) -> Chosen:
     axis = term.basis.axes[number]
     values = work.features[axis.column]
     span = float(np.nanmax(values) - np.nanmin(values))
+    if span < FEWEST_TURNS * axis.at:
+        return chosen
     left = joint(work, [t for k, t in enumerate(chosen.terms) if k != place]).left
     middle = float(np.nanmean(values))  # from where a fall hardly moves as the period does
     turns, fall, best = span / axis.at, middle, term
     for reach in FALLS:
         saws = [
             Basis(axes=_with(term.basis.axes, number, _saw(axis.column, span / more, at)), price=term.basis.price)
-            for more in turns + np.linspace(-1.0, 1.0, 9) * 0.5 * reach if more > 1.0
+            for more in turns + np.linspace(-1.0, 1.0, 9) * 0.5 * reach
             for at in fall + np.linspace(-0.5, 0.5, 17) * reach * axis.at
         ]  # fmt: skip
         best = max(Candidates(work, left).add(saws), key=lambda item: item.gain)

@@ -105,7 +105,9 @@ class Work:
     def shares(self, basis: Basis) -> bool:
         """Whether all that a basis is made of is constant within steps; of a wave that is its phase, not its time."""
         axes = [axis for product in (basis.axes, *basis.waves) for axis in product if axis.column]
-        turning = {axis for axis in axes if axis.kind in {"sin", "cos"} or (axis.kind == "table" and axis.at > 0.0)}
+        turning = {
+            axis for axis in axes if axis.kind in {"sin", "cos", "saw"} or (axis.kind == "table" and axis.at > 0.0)
+        }
         for axis in turning:
             phase = np.nan_to_num(2.0 * np.pi * self.features[axis.column] / axis.at)
             if not all(_is_steady(wave(phase), self.step) for wave in (np.sin, np.cos)):
