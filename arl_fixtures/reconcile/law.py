@@ -8,8 +8,9 @@ boosted trees beside it. How a law is found stands in `law_search`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,8 +43,8 @@ class Axis:
             (hinges), `step`, `band` (1 between two edges, else 0), `peak` (of a resonance: 1 at its place), `exp`,
             `inverse`, `log`, `sin`, `cos`, `saw` (a ramp over each period, from -1/2 to 1/2), `parity`, `is` (a
             category), `bit` (whether a code has it set), `table` (one value per bin), `curve` (straight lines
-            between knots), `rings` (sine) and `ring_cos` of an angle (see `ring_of`), `gap_rings` and `gap_ring_cos`
-            (see `gap_ring_of`), `one`.
+            between knots), `rings` (sine) and `ring_cos` of an angle (see `PLATE`), `gap_rings` and `gap_ring_cos`
+            (see `GAP`), `one`.
         middle, width: the ratio is (x − middle) / width. Of a `saw` the middle is where it falls back.
         at: knot, place or period in the column's unit, angle at which a ring ends, weight of a bit, or number of a
             category.
@@ -242,14 +243,10 @@ def _function(kind: str, x: FloatArray, axis: Axis) -> FloatArray:
             return np.asarray(np.cos(2.0 * np.pi * x / axis.at))
         case "saw":
             return np.asarray(np.mod((x - axis.middle) / axis.at, 1.0) - 0.5)
-        case "rings":
-            return np.asarray(np.sin(2.0 * np.pi * ring_of(x) / ring_of(axis.at)))
-        case "ring_cos":
-            return np.asarray(np.cos(2.0 * np.pi * ring_of(x) / ring_of(axis.at)))
-        case "gap_rings":
-            return np.asarray(np.sin(2.0 * np.pi * gap_ring_of(x) / gap_ring_of(axis.at)))
-        case "gap_ring_cos":
-            return np.asarray(np.cos(2.0 * np.pi * gap_ring_of(x) / gap_ring_of(axis.at)))
+        case "rings" | "gap_rings":
+            return np.asarray(np.sin(2.0 * np.pi * RINGS[kind].turns(x, axis.at)))
+        case "ring_cos" | "gap_ring_cos":
+            return np.asarray(np.cos(2.0 * np.pi * RINGS[kind].turns(x, axis.at)))
         case "table":
             return np.asarray(np.asarray(axis.values)[axis.bin_of(x)])
         case "curve":
@@ -262,14 +259,38 @@ def _function(kind: str, x: FloatArray, axis: Axis) -> FloatArray:
             return np.equal(x, axis.at).astype(np.float64)
 
 
-def ring_of(angle_deg: FloatArray | float) -> FloatArray:
-    """Square of an angle's sine: the phase between a plate's two faces falls by it (Born & Wolf, sec. 7.6), (n,)."""
-    return np.asarray(np.sin(np.radians(angle_deg)) ** 2)
+class Rings(NamedTuple):
+    """Interference between two faces, over the angle at which one looks through them (Born & Wolf, sec. 7.6).
+
+    Attributes:
+        sine, cosine: kinds of axes.
+        phase: by what the phase falls, a function of the angle in radians; angle: its inverse.
+    """
+
+    sine: str
+    cosine: str
+    phase: Callable[[FloatArray], FloatArray]
+    angle: Callable[[float], float]
+
+    def of(self, angle_deg: FloatArray | float) -> FloatArray:
+        """By what the phase falls at angles in degrees, (n,)."""
+        return np.asarray(self.phase(np.radians(angle_deg)))
+
+    def turns(self, angle_deg: FloatArray, end_deg: float) -> FloatArray:
+        """Turns of the phase up to angles, of which there is one up to `end_deg`; (n,)."""
+        return np.asarray(self.of(angle_deg) / self.of(end_deg))
+
+    def end(self, turns: float) -> float:
+        """Angle in degrees up to which there is one turn, for so many per unit of `phase`."""
+        return float(np.degrees(self.angle(1.0 / turns)))
 
 
-def gap_ring_of(angle_deg: FloatArray | float) -> FloatArray:
-    """1 - cos of an angle: the phase between the two sides of an empty gap falls by it (same source), (n,)."""
-    return np.asarray(1.0 - np.cos(np.radians(angle_deg)))
+PLATE = Rings("rings", "ring_cos", lambda x: np.sin(x) ** 2, lambda y: float(np.arcsin(min(y**0.5, 1.0))))
+"""Of a plate: by the square of the sine."""
+GAP = Rings("gap_rings", "gap_ring_cos", lambda x: 1.0 - np.cos(x), lambda y: float(np.arccos(1.0 - min(y, 2.0))))
+"""Of an empty gap: by 1 - cos."""
+RINGS = {kind: rings for rings in (PLATE, GAP) for kind in (rings.sine, rings.cosine)}
+"""Kinds of axes to the rings that they are of."""
 
 
 def thresholds(values: FloatArray, shares: Sequence[float]) -> list[float]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
-from arl_fixtures.reconcile.law import OF_LABELS, Axis, Features
+from arl_fixtures.reconcile.law import OF_LABELS, Axis, Features, Rings
 from arl_fixtures.reconcile.roles import BEARING_SIGNS, PIXEL_COLUMNS, counts_visits, played, unit_of
 
 KNOTS, MAP_KNOTS = 12, 6
@@ -268,21 +268,16 @@ def folded(name: str, turns: float) -> Axis:
     return Axis(column=name, kind="table", at=1.0 / turns, edges=tuple(np.arange(1, 8) / 8.0 / turns))
 
 
-def rings_of(name: str, turns: float, *, gap: bool = False) -> tuple[tuple[Axis, ...], ...]:
-    """Sine and cosine of 2π·turns·sin²(column), over a column in degrees; of a gap those of 2π·turns·(1 - cos)."""
-    if gap:
-        end, kinds = float(np.degrees(np.arccos(1.0 - min(1.0 / turns, 2.0)))), ("gap_rings", "gap_ring_cos")
-    else:
-        end, kinds = float(np.degrees(np.arcsin(min(turns**-0.5, 1.0)))), ("rings", "ring_cos")
-    return tuple((Axis(column=name, kind=kind, at=end),) for kind in kinds)
+def rings_of(name: str, turns: float, rings: Rings) -> tuple[tuple[Axis, ...], ...]:
+    """Sine and cosine of 2π·turns·phase over a column in degrees."""
+    return tuple((Axis(column=name, kind=kind, at=rings.end(turns)),) for kind in (rings.sine, rings.cosine))
 
 
 def moving_rings_of(
-    name: str, turns: float, second: str, more: float, *, gap: bool = False
-) -> tuple[tuple[Axis, ...], ...]:
+    name: str, turns: float, second: str, more: float, rings: Rings
+) -> tuple[tuple[Axis, ...], ...]:  # fmt: skip
     """Products of rings over a column in degrees and of waves over a second column, turns per unit of each."""
-    rings, waves = rings_of(name, turns, gap=gap), waves_of(second, more)
-    return tuple((*ring, *wave) for ring in rings for wave in waves)
+    return tuple((*ring, *wave) for ring in rings_of(name, turns, rings) for wave in waves_of(second, more))
 
 
 def is_proxy(column: str) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.features import in_degrees
-from arl_fixtures.reconcile.law import Axis, axes_of
+from arl_fixtures.reconcile.law import GAP, PLATE, Axis, axes_of
 from arl_fixtures.reconcile.law_bands import MOST_LINES, bands_of
 from arl_fixtures.reconcile.law_basis import (
     FEWEST_TURNS,
@@ -98,11 +98,11 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
                 if wave.turns * np.ptp(values[np.isfinite(values)]) >= FEWEST_TURNS:
                     phase, more = folded(name, wave.turns), PRICE_TWO + 2.0 + extra + wave.price
                     bases.append(Basis(axes=(phase,), prior=np.eye(phase.count), price=more))
-            for gap in (False, True) if name == FIELD_COLUMNS[0] and in_degrees(view) else ():
-                rings = best_rings(work, name, gap=gap)
-                if rings:
-                    waves, price = rings_of(name, rings.turns, gap=gap), PRICE_TWO + extra + rings.price
-                    bases.append(Basis(waves=waves, price=price))
+            for rings in (PLATE, GAP) if name == FIELD_COLUMNS[0] and in_degrees(view) else ():
+                best = best_rings(work, name, rings)
+                if best:
+                    price = PRICE_TWO + extra + best.price
+                    bases.append(Basis(waves=rings_of(name, best.turns, rings), price=price))
         ratios = [b for b in bases if _is_ratio(b)]  # alone it is a line
         made = pool.add(b for b in bases if not _is_ratio(b))
         ranked[name] = max((item.gain for item in made), default=0.0)
@@ -261,11 +261,11 @@ def _moving_rings(work: Work, looker: Looker, orders: Sequence[str]) -> Iterator
     place = FIELD_COLUMNS[0]
     if place not in work.features or not in_degrees(looker.problem.view):
         return
-    for order, gap in ((n, gap) for n in orders if n in work.features for gap in (False, True)):
-        turns = best_moving_rings(work, place, order, gap=gap)
+    for order, rings in ((n, rings) for n in orders if n in work.features for rings in (PLATE, GAP)):
+        turns = best_moving_rings(work, place, order, rings)
         if turns is not None:
             price = price_of((place, order)) + PRICE_ONE + PRICE_PRODUCT + PRICE_PAIR_WAVE
-            yield Basis(waves=moving_rings_of(place, turns[0], order, turns[1], gap=gap), price=price)
+            yield Basis(waves=moving_rings_of(place, turns[0], order, turns[1], rings), price=price)
 
 
 def _growing(
@@ -274,16 +274,23 @@ def _growing(
     """The strongest waves over one column, of a size that goes with another: nil somewhere, or from a place on."""
     ranked = sorted(pool, key=lambda item: -item.gain)
     waves = [item.basis for item in ranked if item.basis.waves and len(item.basis.columns) == 1]
+    sizes = {name: _sizes(simple.get(name, [])) for name in names}
+    prices = {name: PRICE_PRODUCT + price_of((name,)) + shared_price(work, (name,)) for name in names}
     for basis in waves[:MOST_WAVES]:
         for name in names:
             if len(distinct(work, [*basis.columns, name])) < 2:
                 continue
-            price = basis.price + PRICE_PRODUCT + price_of((name,)) + shared_price(work, (name,))
-            axes = [item.basis.axes[0] for item in varied(simple.get(name, []))]
-            sized = any(axis.kind == "ratio" for axis in axes)  # then a line that is nil in the middle is no size
-            for axis in axes:
-                if axis.kind in GROWING and not (sized and axis.kind == "linear"):
-                    yield replace(basis, waves=tuple((*p, axis) for p in basis.waves), price=price)
+            for axis in sizes[name]:
+                yield replace(
+                    basis, waves=tuple((*p, axis) for p in basis.waves), price=basis.price + prices[name]
+                )  # fmt: skip
+
+
+def _sizes(functions: Sequence[Candidate]) -> list[Axis]:
+    """Functions of a column with which a size may go: a line that is nil in the middle only where none is at nil."""
+    axes = [item.basis.axes[0] for item in varied(functions) if item.basis.axes[0].kind in GROWING]
+    at_nil = any(axis.kind == "ratio" for axis in axes)
+    return [axis for axis in axes if not (at_nil and axis.kind == "linear")]
 
 
 def is_mark(factor: Axis, work: Work) -> bool:

@@ -70,7 +70,7 @@ def _sawn(work: Work, chosen: Chosen, place: int) -> Chosen:
     turns, fall, best = span / axis.at, middle, term
     for reach in FALLS:
         saws = [
-            Basis(axes=_with(term.basis.axes, number, _saw(axis.column, span / more, at)), price=term.basis.price)
+            replace(term.basis.with_axis(number, _saw(axis.column, span / more, at)), prior=None)
             for more in turns + np.linspace(-1.0, 1.0, 9) * 0.5 * reach
             for at in fall + np.linspace(-0.5, 0.5, 17) * reach * axis.at
         ]  # fmt: skip
@@ -79,10 +79,6 @@ def _sawn(work: Work, chosen: Chosen, place: int) -> Chosen:
         turns, fall = span / found.at, found.middle
     trial = joint(work, [*chosen.terms[:place], best, *chosen.terms[place + 1 :]])
     return trial if best.gain > term.gain and trial.held > chosen.held - LEAST_BETTER else chosen
-
-
-def _with(axes: tuple[Axis, ...], number: int, axis: Axis) -> tuple[Axis, ...]:
-    return (*axes[:number], axis, *axes[number + 1 :])
 
 
 def _saw(column: str, period: float, fall: float) -> Axis:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
-from arl_fixtures.reconcile.law import gap_ring_of, ring_of
+from arl_fixtures.reconcile.law import Rings
 from arl_fixtures.reconcile.law_work import Work
 
 FAR_APART, FAR_BESIDE = 0.9, 0.25
@@ -39,20 +39,16 @@ class Wave(NamedTuple):
     price: float
 
 
-def best_rings(work: Work, name: str, *, gap: bool = False) -> Wave | None:
-    """The rings over an angle at which the residual swings most, in turns per unit of `ring_of`; at least one."""
-    wave = best_wave(work, name, values=_rings(work, name, gap=gap))
+def best_rings(work: Work, name: str, rings: Rings) -> Wave | None:
+    """The rings over an angle at which the residual swings most, in turns per unit of their phase; at least one."""
+    wave = best_wave(work, name, values=rings.of(work.features[name]))
     return wave if wave and wave.turns > 1.0 else None
 
 
-def best_moving_rings(work: Work, name: str, second: str, *, gap: bool = False) -> tuple[float, float] | None:
-    """Rings over an angle that move with a second column: turns per unit of `ring_of`, and per unit of that."""
-    turns = best_pair_wave(work, name, second, _rings(work, name, gap=gap))
+def best_moving_rings(work: Work, name: str, second: str, rings: Rings) -> tuple[float, float] | None:
+    """Rings over an angle that move with a second column: turns per unit of their phase, and per unit of that."""
+    turns = best_pair_wave(work, name, second, rings.of(work.features[name]))
     return turns if turns and turns[0] > 1.0 else None
-
-
-def _rings(work: Work, name: str, *, gap: bool) -> FloatArray:
-    return gap_ring_of(work.features[name]) if gap else ring_of(work.features[name])
 
 
 def best_wave(

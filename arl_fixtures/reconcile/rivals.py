@@ -8,7 +8,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
-from arl_fixtures.reconcile.law import Law
+from arl_fixtures.reconcile.law import RINGS, Law
 from arl_fixtures.reconcile.law_search import search_law
 from arl_fixtures.reconcile.locate import locate
 from arl_fixtures.reconcile.misfit import MISFIT_SHARE
@@ -255,4 +255,4 @@ def is_outdone(
 
 def has_rings(law: Law) -> bool:
     """Whether a law says by rings over the field how pixels differ: two numbers, not one per pixel."""
-    return any(axis.kind in {"rings", "gap_rings"} for term in law.terms for axis in term.axes)
+    return any(axis.kind in RINGS for term in law.terms for axis in term.axes)

@@ -10,6 +10,7 @@ import pytest
 
 from arl_fixtures.reconcile import law_search, reconcile
 from arl_fixtures.reconcile.catalogue import library
+from arl_fixtures.reconcile.command import predict
 
 Columns = dict[str, np.ndarray]
 Change = Callable[[Columns, np.random.Generator], None]
@@ -128,6 +129,19 @@ def parity() -> Change:
 @pytest.fixture(scope="session")
 def save() -> Callable[[Path, Columns], Path]:
     return write
+
+
+@pytest.fixture
+def foretell(tmp_path) -> Callable[[Columns, str], np.ndarray]:
+    """What the model in `out` says of a channel on rows of which nothing is measured."""
+
+    def told(unseen: Columns, channel: str) -> np.ndarray:
+        simulated = {name: values for name, values in unseen.items() if f"sim_{name}" not in unseen}
+        rows = write(tmp_path / "unseen.parquet", simulated)
+        predict(tmp_path / "out", rows, tmp_path / "foretold.parquet")
+        return pq.read_table(tmp_path / "foretold.parquet")[f"corrected_{channel}"].to_numpy()
+
+    return told
 
 
 @pytest.fixture
