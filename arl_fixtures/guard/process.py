@@ -159,7 +159,6 @@ class GuardProcess:
         return bool(self._lost) or (self._ending and self._core.driven)
 
     def _consider_ending(self) -> None:
-        self._end_after_good_bye()
         wall_s = time.monotonic()
         if self._sessions.all:
             self._alone_since_s = wall_s
@@ -169,7 +168,9 @@ class GuardProcess:
         # stopped and verified: whoever comes to look needs the lines, and the stop is on disk
         stopped = self._core.state is State.SAFE
         lingered = self._linger_s is not None and wall_s - self._alone_since_s > self._linger_s
-        self._over = self._ending or (alone and (stopped or lingered))
+        # after an orderly end nobody will come back for the guard's sake
+        gone_home = self._orderly and self._linger_s is not None and not stopped
+        self._over = self._ending or gone_home or (alone and (stopped or lingered))
 
     def _wake_s(self) -> float:
         now_s = self._now_s
@@ -240,7 +241,10 @@ class GuardProcess:
 
     def _turn_has_come(self, message: Message) -> bool:
         header = message.header
-        if header["op"] in {"hello", "ack"}:
+        if header["op"] == "hello":
+            # who comes while it is about to end is hung up on, and calls the next one
+            return self._core.to_do is None and not self._ending
+        if header["op"] == "ack":
             return self._core.to_do is None
         if message.payload and self._core.driven:
             line = self._lines.get(header.get("line", ""))
@@ -259,7 +263,6 @@ class GuardProcess:
             case "listen":
                 if self._silence.due:
                     self._listen()
-                self._end_after_good_bye()
             case op:
                 return self._use_line(session, str(op), message)
         return b""
@@ -275,6 +278,8 @@ class GuardProcess:
         if self._core.state is State.SAFE:
             raise InterlockError(f"{stop}; acknowledge with: arl ack")
         self._core.join(self._now_s)
+        # the good-bye was another's
+        self._orderly = False
         self._silence.forget()
         self._driver = session
         self._commanded, self._awaited = {}, {}
@@ -293,11 +298,6 @@ class GuardProcess:
             self._driver = None
             self._keep_books()
             self._orderly = True
-
-    def _end_after_good_bye(self) -> None:
-        """An orderly end: nobody will come back for the guard's sake."""
-        alone = self._orderly and self._linger_s is not None and not self._silence.due
-        self._ending = self._ending or (alone and self._core.state is State.IDLE)
 
     def _use_line(self, session: Session, op: str, message: Message) -> bytes:
         if session is not self._driver or not self._core.driven:

@@ -104,6 +104,27 @@ def test_a_test_that_fails_says_good_bye(stand, run_test):
     assert not stand.places.driven.exists()
 
 
+def test_a_test_killed_that_came_before_the_guard_of_the_last_one_had_gone_home(stand, run_test):
+    def take_over(guard, bench):
+        # while its own DUT ports are taken the guard cannot hear whether they are dark, and stays for that
+        guard._link.ask("bye")
+        with stand.open_guard() as second:
+            (stand.runtime / "second").write_text(str(second.pid))
+            signal.pause()
+
+    pid = run_test(stand, take_over)
+    until((stand.runtime / "second").exists, "the second session is there")
+    guard = stand.guard_pid()
+    assert guard == int((stand.runtime / "second").read_text())
+    os.kill(pid, signal.SIGKILL)
+    reap(pid)
+    since_s = stand.inspect()["state"]["now_s"]
+    with stand.witness():
+        until(lambda: stand.inspect()["state"]["now_s"] > since_s + 3.0, "bench time passes")
+        assert stand.guard_pid() == guard
+        assert "died" in stand.wait_for_state("idle")["cause"]
+
+
 def test_a_main_loop_that_hangs(make_stand, run_test, stand):
     if other := stand.guard_pid():
         # else it would stay for some minutes, with the lines
