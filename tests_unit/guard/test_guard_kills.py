@@ -105,6 +105,9 @@ def test_a_test_that_fails_says_good_bye(stand, run_test):
 
 
 def test_a_test_killed_that_came_before_the_guard_of_the_last_one_had_gone_home(stand, run_test):
+    mark = stand.runtime / "second"
+    mark.unlink(missing_ok=True)
+
     def take_over(guard, bench):
         # while its own DUT ports are taken the guard cannot hear whether they are dark, and stays for that
         guard._link.ask("bye")
@@ -113,9 +116,9 @@ def test_a_test_killed_that_came_before_the_guard_of_the_last_one_had_gone_home(
             signal.pause()
 
     pid = run_test(stand, take_over)
-    until((stand.runtime / "second").exists, "the second session is there")
+    until(lambda: mark.exists() and mark.read_text(), "the second session is there")
     guard = stand.guard_pid()
-    assert guard == int((stand.runtime / "second").read_text())
+    assert guard == int(mark.read_text())
     os.kill(pid, signal.SIGKILL)
     reap(pid)
     since_s = stand.inspect()["state"]["now_s"]
