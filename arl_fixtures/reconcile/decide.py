@@ -24,7 +24,7 @@ from arl_fixtures.reconcile.held_out import held_out_without, mean_square
 from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.one_cause import join_readouts
 from arl_fixtures.reconcile.patterns import Pattern
-from arl_fixtures.reconcile.patterns_beside import add_patterns, drop_shadowed
+from arl_fixtures.reconcile.patterns_beside import add_patterns, drop_shadowed, find_smooth
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.rivals import is_structure
 from arl_fixtures.reconcile.search import Found, Search
@@ -75,10 +75,12 @@ class Decision:
             self.look()
         self._tell_units_apart()
         find_laws(self)
-        if drop_needless(self) or drop_shadowed(self):
-            self.laws = []
-            self.look()
-            find_laws(self)
+        for drop in (drop_needless, drop_shadowed):
+            if drop(self):
+                self.laws = []
+                self.look()
+                find_laws(self)
+        find_smooth(self)
         find_scatters(self)
         findings = join_readouts(
             [named_finding(self, index) for index in range(len(self.best.terms))],

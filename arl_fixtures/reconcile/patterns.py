@@ -39,6 +39,7 @@ class Pattern:
         gain: log-likelihood over no pattern.
         z: significance of predicting one half of the blocks from the other.
         size: standard deviation (dense) or number of levels (sparse).
+        smooth: whether neighbours are alike, so that it is no pattern of single pixels.
         bare: the term with values as they were measured, not drawn towards none by what is noise in them.
     """
 
@@ -47,6 +48,7 @@ class Pattern:
     gain: float
     z: float
     size: float
+    smooth: bool = False
 
     @property
     def is_dense(self) -> bool:
@@ -54,8 +56,10 @@ class Pattern:
         return any(p.per and p.low < (p.null or 0.0) < p.high for p in self.term.variant.parameters)
 
 
-def find_patterns(problem: Problem, effects: Sequence[Effect], terms: Sequence[Term]) -> list[Pattern]:
-    """Patterns beside the given terms, the best first."""
+def find_patterns(
+    problem: Problem, effects: Sequence[Effect], terms: Sequence[Term], *, smooth: bool = False
+) -> list[Pattern]:
+    """Patterns beside the given terms, the best first; those in which neighbours are alike only if `smooth`."""
     found = []
     base = forward(terms, problem.view)
     for effect in effects:
@@ -63,7 +67,9 @@ def find_patterns(problem: Problem, effects: Sequence[Effect], terms: Sequence[T
             fields = [p for p in variant.parameters if p.per]
             if len(fields) == 1:
                 pattern = _fit_pattern(problem, effect, variant, fields[0], terms, base)
-                if pattern is not None and pattern.gain > PATTERN_GAIN and pattern.z > PATTERN_Z:
+                if pattern is None or (pattern.smooth and not smooth):
+                    continue
+                if pattern.gain > PATTERN_GAIN and pattern.z > PATTERN_Z:
                     found.append(pattern)
     return sorted(found, key=lambda p: -p.gain)
 
@@ -114,7 +120,7 @@ def _fit_pattern(
         if d.channel.role is Role.FRACTION:
             share = np.bincount(code[d.use], tangent * residual, minlength=len(keys))
             answers = share / np.maximum(np.bincount(code[d.use], tangent**2, minlength=len(keys)), 1e-12)
-    total, pull = gram.sum(axis=0), score.sum(axis=0)
+    total, pull, alike = gram.sum(axis=0), score.sum(axis=0), False
     good = total > 1e-9
     if good.sum() < FEWEST_LEVELS:
         return None
@@ -146,8 +152,7 @@ def _fit_pattern(
         tau, gain = fit_tau(pull, total)
         if sees_one_place(problem) and sits_in_few(measured[good], total[good], tau):
             return None
-        if is_smooth(parameter.per, keys, np.where(total * tau**2 > 1.0, measured, np.nan)):
-            return None
+        alike = is_smooth(parameter.per, keys, np.where(total * tau**2 > 1.0, measured, np.nan))
         values[good] = pull[good] / (total[good] + 1.0 / max(tau, 1e-12) ** 2)
         size = tau
         z_half = half_z(gram, score, tau)
@@ -155,7 +160,7 @@ def _fit_pattern(
         Term(effect=effect, variant=variant, values=default_values(variant), fields={parameter.name: level})
         for level in (_levels(parameter, keys, null, values), _levels(parameter, keys, null, measured))
     ]
-    return Pattern(term=fitted[0], bare=fitted[1], gain=gain, z=z_half, size=size)
+    return Pattern(term=fitted[0], bare=fitted[1], gain=gain, z=z_half, size=size, smooth=alike)
 
 
 def _levels(

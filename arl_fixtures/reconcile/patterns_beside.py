@@ -12,7 +12,7 @@ from arl_fixtures.reconcile.law_of_rest import law_of_rest
 from arl_fixtures.reconcile.misfit import MISFIT_SHARE
 from arl_fixtures.reconcile.patterns import PATTERN_GAIN, Pattern, find_patterns, is_calibration
 from arl_fixtures.reconcile.rivals import has_other_place, is_outdone, pictures_beside, share_beside
-from arl_fixtures.reconcile.roles import FIELD_COLUMNS, PIXEL, PIXEL_COLUMNS
+from arl_fixtures.reconcile.roles import FIELD_COLUMNS, PIXEL, PIXEL_COLUMNS, Role
 from arl_fixtures.reconcile.search import LEVEL_FURTHER
 from arl_fixtures.reconcile.spots import spots_instead
 from arl_fixtures.reconcile.steadiness import is_unsteady
@@ -24,8 +24,10 @@ if TYPE_CHECKING:
 
 def add_patterns(decision: Decision) -> None:
     """Take the strongest pattern of pixels that stands beside the names, and drop names that had its likeness."""
-    found = find_patterns(decision.problem, decision.effects, decision.best.terms)
-    if add_spots(decision, found):
+    # a stain is as smooth as what no pixel's gain is
+    any_found = find_patterns(decision.problem, decision.effects, decision.best.terms, smooth=True)
+    found = [p for p in any_found if not p.smooth]
+    if add_spots(decision, any_found):
         found = find_patterns(decision.problem, decision.effects, decision.best.terms)
     for pattern in dead_first(decision.problem, decision.effects, decision.best.terms, found)[:2]:
         calibration = is_calibration(decision.problem, pattern, decision.best.terms)
@@ -50,6 +52,33 @@ def add_patterns(decision: Decision) -> None:
             add_patterns(decision)
 
 
+def find_smooth(decision: Decision) -> None:
+    """What pixels share and their neighbours, too, where nothing that was found says anything of it.
+
+    As no pixel's gain is that of its neighbour, it is a law's; a pattern only where no law is found.
+    """
+    if decision.patterns:
+        return
+    lawful, terms = {law.channel for law in decision.laws}, decision.best.terms
+    state = forward(decision.terms, decision.problem.view)
+    for pattern in find_patterns(decision.problem, decision.effects, terms, smooth=True):
+        told = [
+            d for d in decision.problem.data
+            if d.channel.name in pattern.term.variant.channels and d.channel.role is not Role.SCATTER
+        ]  # fmt: skip
+        if not pattern.smooth or lawful & {d.channel.name for d in told}:
+            continue
+        shares = _shares(decision, pattern, terms)
+        if is_calibration(decision.problem, pattern, terms) or pattern.gain <= max(shares, default=0.0):
+            continue
+        looks = [(d, decision.after[d.channel.name]) for d in told]
+        laws = [law_of_rest(decision.found.looker, d, state, look, beside=bool(shares)) for d, look in looks]
+        decision.laws += [law for law in laws if law]
+        if not any(laws):
+            decision.patterns.append(pattern)
+        return
+
+
 def _shares(decision: Decision, pattern: Pattern, terms: Sequence[Term]) -> list[float]:
     """What a pattern must gain beside each of these terms that acts in its channels."""
     channels = set(pattern.term.variant.channels)
@@ -66,7 +95,7 @@ def add_spots(decision: Decision, patterns: Sequence[Pattern]) -> bool:
     died = any(p.term.effect.sparse for p in patterns) and leave_out_dead(decision.problem, decision.effects)
     if died:
         dense = [e for e in decision.effects if not e.sparse]
-        patterns = find_patterns(decision.problem, dense, decision.best.terms)
+        patterns = find_patterns(decision.problem, dense, decision.best.terms, smooth=True)
     added = _add_spots(decision, patterns)
     if died:
         bring_back(decision.problem)

@@ -51,3 +51,33 @@ def test_likeness_is_that_of_neighbours_of_one_device(units):
     assert not is_smooth(names, keys, rng.normal(size=bowl.size))
     assert not is_smooth(names, keys, np.where(bowl > 12.0, np.nan, rng.normal(size=bowl.size)))
     assert not is_smooth(("dut",), [("a",), ("b",)], np.array([1.0, 2.0]))
+
+
+def bent_drop(seed, loss):
+    """Few pixels of a turning camera that warms up, behind a drop that dried in a bent shape (or a lens of one)."""
+    rng = np.random.default_rng(seed)
+    place = rng.choice(40 * 23, 24, replace=False)
+    u, v = 50.0 + place % 40, 6.0 + place // 40
+    step, angle, pixel = (a.ravel() for a in np.meshgrid(np.arange(4), np.arange(29), np.arange(24), indexing="ij"))
+    light = 900.0 + 600.0 * np.sign(np.cos(0.25 * u[pixel] + 0.5 * angle))
+    # all of the drop that a pixel's light passes
+    beam = rng.normal(0.0, 1.2, (600, 2))
+    across, along = (u[:, None] + beam[:, 0] - 77.0) / 11.0, (v[:, None] + beam[:, 1] - 19.0) / 5.0
+    passed = 1.0 - loss * np.mean(np.hypot(across, along + 1.1 * np.sin(2.0 * across)) < 1.0, axis=1)
+    warm = np.interp(10.0 + 18.0 * step, [10.0, 64.0], [1.08, 0.92]) * (1.0 + 0.02 * rng.normal(size=4)[step])
+    return columns_of(pa.table({
+        "step": step, "tof_temperature_c": 10.0 + 18.0 * step, "stage_angle_deg": 1.0 * angle,
+        "pixel_u": u[pixel], "pixel_v": v[pixel], "n_frames": np.full(step.size, 3),
+        "sim_intensity_counts": light, "sim_intensity_counts_std": 0.05 * light,
+        "sim_intensity_counts_repeat_std": 0.02 * light,
+        "intensity_counts": light * passed[pixel] * warm + 0.05 / np.sqrt(3.0) * light * rng.normal(size=step.size),
+    }))  # fmt: skip
+
+
+@pytest.mark.parametrize(("loss", "also"), [(0.08, "optics.window_contamination"), (-0.08, "unknown")])
+def test_what_neighbours_share_is_told_beside_a_name_of_the_same_channel(loss, also):
+    known = [*KNOWN, library()["optics.window_contamination"]]
+    found = diagnose(bent_drop(3, loss), effects=known)[0].findings
+    assert {f.effect for f in found} == {"detector.gain_temperature", also}
+    told = next(f for f in found if f.effect == also)
+    assert set(told.drivers) == {"pixel_u", "pixel_v"}
