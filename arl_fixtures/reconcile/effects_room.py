@@ -17,7 +17,7 @@ from arl_fixtures.reconcile.effects_common import distances, per_table, per_view
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column, turns_round
 from arl_fixtures.reconcile.effects_planes import directions
 from arl_fixtures.reconcile.effects_room_planes import FLAT, Rays, planes_about
-from arl_fixtures.reconcile.effects_scene import gap_of, pixel_width, scene
+from arl_fixtures.reconcile.effects_scene import gap_of, joins_unlike_rows, pixel_width, scene
 from arl_fixtures.reconcile.effects_still import apart
 from arl_fixtures.reconcile.still_scene import ALIKE
 from arl_fixtures.reconcile.view import View
@@ -165,7 +165,7 @@ def _has_grid(view: View) -> bool:
 
 
 def _is_sparse(view: View) -> bool:
-    """Whether no curve over the bearing joins a camera's rays that see one surface each: few pixels at few angles.
+    """Whether no curve over the bearing joins a camera's rays that see one surface each: few pixels, rows, angles.
 
     Without it being said which see two, a curve is all there is: it tells what lies at edges better than none.
     """
@@ -174,7 +174,8 @@ def _is_sparse(view: View) -> bool:
         return False
     if "mixed" not in table.categories:
         return False
-    return gap_of(found.line, found.bearing) > _SPARSE * float(np.median(pixel_width(view)))
+    far_apart = gap_of(found.line, found.bearing) > _SPARSE * float(np.median(pixel_width(view)))
+    return far_apart or joins_unlike_rows(view, found)
 
 
 def places_and_rays(view: View, rays: FloatArray, far: FloatArray) -> tuple[IntArray, IntArray]:

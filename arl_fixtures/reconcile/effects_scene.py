@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from arl_fixtures.reconcile.effects_common import distances, per_table, signals
+from arl_fixtures.reconcile.effects_common import distances, per_table, pure_rows, signals
 from arl_fixtures.reconcile.effects_footprint import cells_of, with_edges
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column
 from arl_fixtures.reconcile.effects_still import BEYOND_DEG, both, scenes_shown, smooth_curves
@@ -34,6 +34,8 @@ _SHARED = 0.2
 """Share of a curve's rays that must lie beneath another one to tell whether surfaces stand upright."""
 _FLATTER = 0.9
 """Share of the steps between samples of a line, below which the signal without a profile is taken for the scene."""
+_UNLIKE = 0.01
+"""Mean relative step of the range between samples of a curve from which they do not lie on one."""
 _WORSE = 0.25  # between two angles a cubic errs by less than a quarter of the bend
 
 
@@ -273,6 +275,20 @@ def pixel_width(view: View) -> FloatArray:
     mean = np.bincount(index, ray_column(view, "azimuth_deg")) / count
     slope = np.gradient(mean, known) if known.size > 1 else np.ones(1)
     return np.asarray(np.abs(slope)[index])
+
+
+def joins_unlike_rows(view: View, found: Scene) -> bool:
+    """Whether curves join image rows, and do not tell what lies beside a ray: rows that see different things.
+
+    Or rows of which all that see two surfaces are left out: across an edge no curve has a sample then.
+    """
+    table = view.columns
+    if "pixel_v" not in table.numbers or not distances(view):
+        return False
+    if int(found.line.max()) + 1 >= int(table.group("dut", "pixel_v").max()) + 1:
+        return False
+    flat = _flattened(view, distances(view)[0], ray_column(view, "elevation_deg"))
+    return bool(pure_rows(view).all()) or _roughness(found.line, found.bearing, flat) > _UNLIKE
 
 
 def gap_of(line: IntArray, bearing: FloatArray) -> float:

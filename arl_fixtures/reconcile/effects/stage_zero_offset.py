@@ -23,7 +23,7 @@ from arl_fixtures.reconcile.view import View
 
 
 class ZeroOffset(Effect):
-    """Every row sees the scene at stage angle + zero, or + backlash · ½·sign of travel.
+    """Every row sees the scene at stage angle + zero, or + backlash · ½·sign of travel, or both.
 
     Where the angle is right for one direction, the other alone is off: + backlash where the stage came upwards, or
     where it came downwards (`side`). A head that turns round, on no stage, has its azimuths in the stage's place.
@@ -37,19 +37,20 @@ class ZeroOffset(Effect):
     confusable = ("mount.tilt", "acquisition.frame_lag", "stage.eccentricity", "stage.periodic_error")
 
     def variants(self, view: View) -> Iterable[Variant]:
-        """A constant; a backlash where angles are approached from both sides."""
+        """A constant; a backlash, alone or beside it, where angles are approached from both sides."""
         angle = turned_by(view)
         if not angle:
             return
         both = angle == STAGE and np.unique(travel(view)[travel(view) != 0.0]).size > 1
         kinds: list[dict[str, Option]] = [{"kind": "constant"}]
         kinds += [{"kind": "backlash", **side} for side in ({}, {"side": "up"}, {"side": "down"})] if both else []
+        kinds += [{"kind": "both"}] if both else []
         for told, way in product(kinds, ways_of_turning(view)):
-            kind = told["kind"]
+            kind = str(told["kind"])
             yield Variant(
                 effect=self.id,
                 options={**told, **way},
-                parameters=(amplitude("zero" if kind == "constant" else "backlash", "deg", -20.0, 20.0, 0.05),),
+                parameters=tuple(amplitude(name, "deg", -20.0, 20.0, 0.05) for name in _AMPLITUDES[kind]),
                 channels=turning_channels(way, view),
                 rough=not way and is_sharp(view),
                 drivers=(angle,) if kind == "constant" else (*_direction(view), angle),
@@ -57,10 +58,9 @@ class ZeroOffset(Effect):
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Looks the scene up at the true angle."""
-        if variant.options["kind"] == "constant":
-            turn: FloatArray | float = float(values["zero"])
-        else:
-            turn = float(values["backlash"]) * _part(variant) * _counted(variant, travel(view)[view.rows])
+        turn: FloatArray | float = float(values.get("zero", 0.0))
+        if "backlash" in values:
+            turn = turn + float(values["backlash"]) * _part(variant) * _counted(variant, travel(view)[view.rows])
         show_turn(variant, state, view, turn)
 
     def expression(self, variant: Variant) -> str:
@@ -68,6 +68,8 @@ class ZeroOffset(Effect):
         added = "zero" if variant.options["kind"] == "constant" else "backlash / 2 * sign of travel"
         if "side" in variant.options:
             added = f"backlash * [came {variant.options['side']}wards]"
+        if variant.options["kind"] == "both":
+            added = f"zero + {added}"
         if "channel" in variant.options:
             return f"{variant.options['channel']} += {added}"
         return f"every channel = simulation at {turned_angle(variant)} + {added}"
@@ -76,8 +78,10 @@ class ZeroOffset(Effect):
         """The offset."""
         if variant.options["kind"] == "constant":
             return f"The stage stands {values['zero']:+.3f}° from where its angle says."
+        off = f", and stands {values['zero']:+.3f}° off on their average" if "zero" in values else ""
         return (
-            f"The stage's angle differs by {values['backlash']:.3f}° between the two directions of travel (backlash)."
+            f"The stage's angle differs by {values['backlash']:.3f}° between the two directions of travel (backlash)"
+            f"{off}."
         )
 
     def next_experiment(self, variant: Variant) -> str:
@@ -87,6 +91,9 @@ class ZeroOffset(Effect):
             "changes "
             "sign, a mounting error differs from DUT to DUT."
         )
+
+
+_AMPLITUDES = {"constant": ("zero",), "backlash": ("backlash",), "both": ("zero", "backlash")}
 
 
 def _part(variant: Variant) -> float:
