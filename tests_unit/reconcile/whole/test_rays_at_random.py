@@ -1,4 +1,4 @@
-"""Rays drawn at random from a whole image, none of them seeing two surfaces: no curve, but planes tell what is beside."""
+"""Rays drawn at random from an image, none of which sees two surfaces: planes, not curves, tell what is beside them."""
 
 import numpy as np
 import pyarrow as pa
