@@ -1,4 +1,4 @@
-"""Rays drawn at random from an image, none of which sees two surfaces: planes, not curves, tell what is beside them."""
+"""Rays drawn at random from an image, none of which sees two surfaces: planes, not curves, tell what is beside."""
 
 import numpy as np
 import pyarrow as pa
