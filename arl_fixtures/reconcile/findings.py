@@ -10,19 +10,17 @@ import numpy as np
 from arl_fixtures.reconcile.acceptance import PRICE
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.diagnosis import Alternative, Finding, HeldOut, ParameterValue
-from arl_fixtures.reconcile.effects_render import rendered
 from arl_fixtures.reconcile.finding_words import separating, size_of, statement, tidy
-from arl_fixtures.reconcile.fit import Fit, finish, fit
+from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.held_out import held_out_of, held_out_without
+from arl_fixtures.reconcile.in_place import others_in_place, without_name
 from arl_fixtures.reconcile.intervals import half_widths
 from arl_fixtures.reconcile.law import Law, LawTerm
 from arl_fixtures.reconcile.patterns import Pattern
 from arl_fixtures.reconcile.region import columns_as_drivers, energy_region
-from arl_fixtures.reconcile.screen import screen
-from arl_fixtures.reconcile.settling import shortlist
 from arl_fixtures.reconcile.shared_scatter import Scatter
 from arl_fixtures.reconcile.terms import RECORD_TIME, Term, forward
-from arl_fixtures.reconcile.told_apart import idle_price, is_undecided, reason_of
+from arl_fixtures.reconcile.told_apart import reason_of
 
 if TYPE_CHECKING:
     from arl_fixtures.reconcile.decide import Decision
@@ -32,10 +30,7 @@ def named_finding(decision: Decision, index: int) -> Finding:
     """An effect of the library."""
     term = decision.best.terms[index]
     view = decision.problem.view
-    rest = tuple(t for k, t in enumerate(decision.best.terms) if k != index)
-    without = finish(decision.problem, fit(decision.problem, rest, rounds=3))
-    full = finish(decision.problem, decision.best)
-    gain = full.log_likelihood - without.log_likelihood
+    without, gain = without_name(decision, index)
     energy = decision.energy(term)
     channels = sorted(
         (c for c in energy if energy[c] > max(4.0, 0.01 * max(energy.values()))), key=lambda c: -energy[c]
@@ -103,34 +98,23 @@ def _alternatives(
         alternatives, and those among them that cannot be told apart with the measurement that each asks for.
     """
     term = decision.best.terms[index]
-    # what it gains in other channels alone speaks for no name in this one's place
-    acted = set(decision.energy(term)) or set(term.variant.channels)
-    variants = [v for v in decision.search.variants if acted & set(v[1].channels)]
-    again = screen(decision.search.small, variants, without.terms)
-    ranked = decision.search.rank(without, shortlist(again.candidates)[:10])
     own = gain - PRICE * len(term.free())
-    sampled = rendered(decision.problem.view) is None
     alternatives: list[Alternative] = []
     twins: dict[str, str] = {}
-    for r in ranked:
-        effect = r.fit.terms[-1].effect.id
-        if effect == term.effect.id or any(a.effect == effect for a in alternatives):
-            continue
+    for r, deficit, alike in others_in_place(decision, index, without, gain):
         other = r.fit.terms[-1]
-        deficit = own - r.gain - idle_price(term, r.fit)
-        alike = is_undecided(term, other, deficit, own, sampled=sampled)
-        twin = alike or (effect in term.effect.says_as_well(term.variant) and r.gain > 0)
+        twin = alike or (other.effect.id in term.effect.says_as_well(term.variant) and r.gain > 0)
         reason = reason_of(deficit, own, alike=alike) if r.gain > 0 else "gains nothing in its place"
         alternatives.append(
             Alternative(
-                effect=effect,
+                effect=other.effect.id,
                 gain=float(max(r.gain, 0.0) / max(own, 1e-9)),
                 indistinguishable=twin,
                 reason=reason,
             )
         )
         if twin:
-            twins[effect] = other.effect.next_experiment(other.variant)
+            twins[other.effect.id] = other.effect.next_experiment(other.variant)
     return alternatives[:6], twins
 
 

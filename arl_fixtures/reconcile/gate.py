@@ -14,6 +14,7 @@ import numpy as np
 from arl_fixtures.reconcile.acceptance import PRICE, TWIN_GAIN, worth
 from arl_fixtures.reconcile.consequences import read_alike
 from arl_fixtures.reconcile.fit import finish, fit
+from arl_fixtures.reconcile.in_place import others_in_place, without_name
 from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.patterns_beside import add_patterns
 from arl_fixtures.reconcile.rivals import plain_gain
@@ -50,7 +51,7 @@ def drop_fallen(decision: Decision) -> bool:
     kept = tuple(t for t in decision.best.terms if not _mostly_in(decision, t, bad) and t not in gone)
     if len(kept) == len(decision.best.terms):
         return False
-    if _widen(decision, kept):
+    if _widen(decision, kept) or _exchange(decision, unsteady):
         return True
     mismatches = [_mismatch_of(decision, t) for t in gone]
     decision.fallen |= {name: law for name, law in mismatches if not undone[name]}
@@ -97,6 +98,22 @@ def _widen(decision: Decision, kept: Sequence[Term]) -> bool:
             found = finish(decision.problem, fit(decision.problem, terms, rounds=8))
             if worth(found, finish(decision.problem, decision.best)) > TWIN_GAIN:
                 decision.best = found
+                _with_patterns_anew(decision)
+                return True
+    return False
+
+
+def _exchange(decision: Decision, unsteady: Sequence[Term]) -> bool:
+    """Put what cannot be told from an unsteady name, and is steady, in its place; tells whether it did."""
+    for term in unsteady:
+        index = decision.best.terms.index(term)
+        decision.refused.add(term.effect.id)
+        for ranked, _, alike in others_in_place(decision, index, *without_name(decision, index)):
+            other, beside = ranked.fit.terms[-1], [*ranked.fit.terms, *(p.term for p in decision.patterns)]
+            if not alike or ranked.gain <= 0.0 or other.effect.id in decision.refused:
+                continue
+            if not is_unsteady(decision.found.looker, beside, other):
+                decision.best = finish(decision.problem, ranked.fit)
                 _with_patterns_anew(decision)
                 return True
     return False

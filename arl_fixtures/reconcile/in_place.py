@@ -1,0 +1,63 @@
+"""Other effects in the place of a name: what each of them loses, and whether the table tells the two apart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+from arl_fixtures.reconcile.acceptance import PRICE, Ranked
+from arl_fixtures.reconcile.effects_render import rendered
+from arl_fixtures.reconcile.fit import Fit, finish, fit
+from arl_fixtures.reconcile.screen import screen
+from arl_fixtures.reconcile.settling import shortlist
+from arl_fixtures.reconcile.told_apart import idle_price, is_undecided
+
+if TYPE_CHECKING:
+    from arl_fixtures.reconcile.decide import Decision
+
+MOST_TRIED = 10
+
+
+class InPlace(NamedTuple):
+    """An effect that was fitted in a name's place.
+
+    Attributes:
+        ranked: beside the remaining names.
+        deficit: log-likelihood that it gains less, both charged for their parameters.
+        alike: whether that does not tell it from the name.
+    """
+
+    ranked: Ranked
+    deficit: float
+    alike: bool
+
+
+def without_name(decision: Decision, index: int) -> tuple[Fit, float]:
+    """What stands without one of the names, refitted, and the log-likelihood that the name gains beside it."""
+    rest = tuple(t for k, t in enumerate(decision.best.terms) if k != index)
+    without = finish(decision.problem, fit(decision.problem, rest, rounds=3))
+    return without, finish(decision.problem, decision.best).log_likelihood - without.log_likelihood
+
+
+def others_in_place(decision: Decision, index: int, without: Fit, gain: float) -> Iterator[InPlace]:
+    """Each other effect once, by its best variant, the likeliest first.
+
+    Args:
+        decision: with its names; index: of the one in whose place they are tried.
+        without, gain: see `without_name`.
+    """
+    term = decision.best.terms[index]
+    # what it gains in other channels alone speaks for no name in this one's place
+    acted = set(decision.energy(term)) or set(term.variant.channels)
+    variants = [v for v in decision.search.variants if acted & set(v[1].channels)]
+    again = screen(decision.search.small, variants, without.terms)
+    own = gain - PRICE * len(term.free())
+    sampled = rendered(decision.problem.view) is None
+    tried = {term.effect.id}
+    for r in decision.search.rank(without, shortlist(again.candidates)[:MOST_TRIED]):
+        other = r.fit.terms[-1]
+        if other.effect.id in tried:
+            continue
+        tried.add(other.effect.id)
+        deficit = own - r.gain - idle_price(term, r.fit)
+        yield InPlace(r, deficit, is_undecided(term, other, deficit, own, sampled=sampled))
