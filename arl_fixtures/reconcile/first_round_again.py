@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from arl_fixtures.reconcile.acceptance import PRICE, evidence, is_as_good, simplest
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.fit import Fit, finish, fit
 from arl_fixtures.reconcile.free_constants import constant_z, constants_alone, zero_z
 from arl_fixtures.reconcile.rivals import is_structure
@@ -70,8 +71,7 @@ def behind_zeros(search: Search, stage: Stage, chance: Screening) -> Stage:
     signals = [
         d.channel.name for d in search.full.data
         if d.channel.role is Role.INTENSITY and d.calibrated and d.second is None
-        and is_structure(search.before[d.channel.name])
-        and (stage.chosen is None or zero_z(d, stage.chosen.fit.state) > LEAST_ZERO)
+        and _may_hide_behind_zero(search, stage, d)
     ]  # fmt: skip
     if not signals:
         return stage
@@ -86,6 +86,15 @@ def behind_zeros(search: Search, stage: Stage, chance: Screening) -> Stage:
         stage, base=bare, p_value=chance.p_value(evidence(chosen, search.surcharge)), ranked=other.ranked,
         chosen=chosen,
     )  # fmt: skip
+
+
+def _may_hide_behind_zero(search: Search, stage: Stage, data: ChannelData) -> bool:
+    """Whether a signal has structure, or what was chosen for it leaves zeros that are none."""
+    structure, chosen = is_structure(search.before[data.channel.name]), stage.chosen
+    if chosen is None:
+        return structure
+    told = structure or data.channel.name in chosen.candidate.term.variant.channels
+    return told and zero_z(data, chosen.fit.state) > LEAST_ZERO
 
 
 def _asked(search: Search, screening: Screening, chance: Screening, before: float) -> tuple[Fit, Stage]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,7 +20,13 @@ def constant_z(d: ChannelData, state: State) -> float:
 
 
 def zero_z(d: ChannelData, state: State) -> float:
-    """Largest significance of a unit's zero beside its gain."""
+    """Largest significance of a unit's zero beside its gain.
+
+    Where it is stated how steps scatter, as if they scattered so: what they seem to beyond may be the zero's doing.
+    """
+    steps = d.level("step")
+    if steps is not None and steps.declared:
+        d = replace(d, tau={**d.tau, "step": steps.floor})
     left, most = d.whiten(d.residual(state)), 0.0
     for unit in range(d.units):
         own = d.whiten((d.unit == unit).astype(np.float64))

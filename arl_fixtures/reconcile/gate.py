@@ -19,7 +19,7 @@ from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.patterns_beside import add_patterns
 from arl_fixtures.reconcile.rivals import plain_gain
 from arl_fixtures.reconcile.roles import Role
-from arl_fixtures.reconcile.steadiness import is_unsteady
+from arl_fixtures.reconcile.steadiness import is_asked, is_unsteady
 from arl_fixtures.reconcile.terms import Term, default_values, forward
 
 if TYPE_CHECKING:
@@ -104,18 +104,21 @@ def _widen(decision: Decision, kept: Sequence[Term]) -> bool:
 
 
 def _exchange(decision: Decision, unsteady: Sequence[Term]) -> bool:
-    """Put what cannot be told from an unsteady name, and is steady, in its place; tells whether it did."""
-    for term in unsteady:
-        index = decision.best.terms.index(term)
-        decision.refused.add(term.effect.id)
-        for ranked, _, alike in others_in_place(decision, index, *without_name(decision, index)):
-            other, beside = ranked.fit.terms[-1], [*ranked.fit.terms, *(p.term for p in decision.patterns)]
-            if not alike or ranked.gain <= 0.0 or other.effect.id in decision.refused:
-                continue
-            if not is_unsteady(decision.found.looker, beside, other):
-                decision.best = finish(decision.problem, ranked.fit)
-                _with_patterns_anew(decision)
-                return True
+    """Put what cannot be told from an unsteady name, and is steady, in its place; tells whether it did.
+
+    A name alone: among several an unsteady one shows that it is not these.
+    """
+    if len(decision.best.terms) != 1 or not unsteady:
+        return False
+    decision.refused.add(unsteady[0].effect.id)
+    for ranked, _, alike in others_in_place(decision, 0, *without_name(decision, 0)):
+        other, beside = ranked.fit.terms[-1], [*ranked.fit.terms, *(p.term for p in decision.patterns)]
+        if not alike or ranked.gain <= 0.0 or other.effect.id in decision.refused or not is_asked(other):
+            continue
+        if not is_unsteady(decision.found.looker, beside, other):
+            decision.best = finish(decision.problem, ranked.fit)
+            _with_patterns_anew(decision)
+            return True
     return False
 
 

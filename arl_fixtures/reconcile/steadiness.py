@@ -46,6 +46,11 @@ CALM, LEAST_CALM = 0.02, 0.25
 """Part of the most that weather or edges change up to which a row is free of them, and share of rows that must be."""
 
 
+def is_asked(term: Term) -> bool:
+    """Whether `is_unsteady` asks a term at all."""
+    return not (term.variant.rough or (term.effect.displaces and not term.effect.mixes))
+
+
 def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
     """Whether the strength of one of the terms moves by much with a column.
 
@@ -56,7 +61,7 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
     What a strong name's law leaves along its own drivers is not held against another: it is asked within cells of
     these.
     """
-    if term.variant.rough or (term.effect.displaces and not term.effect.mixes):
+    if not is_asked(term):
         return False
     problem = looker.problem
     in_pixels = term.effect.displaces or term.effect.at_borders or (term.effect.mixes and _is_sparse(problem))

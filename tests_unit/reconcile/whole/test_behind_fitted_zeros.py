@@ -3,10 +3,13 @@
 import json
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from arl_fixtures.reconcile.command import predict, reconcile
+from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.table import columns_of
 
 CHANNEL = "photocurrent_na"
 
@@ -60,3 +63,31 @@ def test_an_effect_whose_mean_a_line_took_along_is_named_and_foretold(change, ef
     error = table[f"sim_{CHANNEL}_std"][held]
     left, before = (np.sum(((true[held] - x) / error) ** 2) for x in (said, table[f"sim_{CHANNEL}"][held]))
     assert 1.0 - left / before > least
+
+
+def line_sensor(seed):
+    """Three line sensors in an oven; a zero was fitted to each that took the mean of its dark charge along."""
+    rng = np.random.default_rng(seed)
+    oven_c = np.array([5.0, 10.0, 15.0, 25.0, 30.0, 40.0, 45.0, 55.0, 60.0])
+    step, unit, pixel = (a.ravel() for a in np.meshgrid(np.arange(9), np.arange(3), np.arange(28), indexing="ij"))
+    warm = oven_c[step] + 4.0 + 1.5 * unit + 0.1 * rng.normal(size=step.size)
+    # carriers that heat sets free over the gap of the crystal
+    charge = 6.0 * np.exp(-0.63 / 8.617e-5 * (1.0 / (warm + 273.15) - 1.0 / 318.15))
+    zero = np.array([charge[unit == k].mean() for k in range(3)])[unit]
+    light = 300.0 + 40.0 * pixel + 200.0 * rng.random(step.size)
+    noise = np.sqrt(light + 100.0)
+    return columns_of(pa.table({
+        "dut": np.array(["A", "B", "C"])[unit], "step": step, "set_temperature_c": oven_c[step],
+        "detector_temperature_c": warm, "pixel_u": 9.0 * pixel, "n_frames": np.full(step.size, 16.0),
+        "sim_intensity_counts": light, "sim_intensity_counts_std": noise,
+        "sim_intensity_counts_repeat_std": np.ones(step.size),
+        "intensity_counts": light + charge - zero + rng.normal(size=27)[step * 3 + unit]
+        + noise / 4.0 * rng.normal(size=step.size),
+    }))  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_zero_shows_by_how_steps_are_said_to_scatter(seed):
+    """They seem to scatter by as much more as the zero is off: nothing else is needed beside the dark charge."""
+    (found,) = diagnose(line_sensor(seed))[0].findings
+    assert found.effect == "detector.dark_offset"
