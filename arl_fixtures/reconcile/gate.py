@@ -21,6 +21,7 @@ from arl_fixtures.reconcile.rivals import plain_gain
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.steadiness import is_asked, is_unsteady
 from arl_fixtures.reconcile.terms import Term, default_values, forward
+from arl_fixtures.reconcile.told_apart import LIKE_SHARE
 
 if TYPE_CHECKING:
     from arl_fixtures.reconcile.decide import Decision
@@ -111,8 +112,10 @@ def _exchange(decision: Decision, unsteady: Sequence[Term]) -> bool:
     if len(decision.best.terms) != 1 or not unsteady:
         return False
     decision.refused.add(unsteady[0].effect.id)
-    for ranked, _, alike in others_in_place(decision, 0, *without_name(decision, 0)):
+    without, gain = without_name(decision, 0)
+    for ranked, deficit, alike in others_in_place(decision, 0, without, gain):
         other, beside = ranked.fit.terms[-1], [*ranked.fit.terms, *(p.term for p in decision.patterns)]
+        alike = alike and -deficit < max(TWIN_GAIN, LIKE_SHARE * gain)  # what says far more is another mismatch
         if not alike or ranked.gain <= 0.0 or other.effect.id in decision.refused or not is_asked(other):
             continue
         if not is_unsteady(decision.found.looker, beside, other):
