@@ -22,7 +22,7 @@ TREES_ALONE = 1.5
 def law_of_rest(
     looker: Looker, data: ChannelData, state: State, left: Structure, *, beside: bool = False
 ) -> Law | None:
-    """Law of what is left in a channel, None where nothing tells of a mismatch.
+    """Law of what is left in a channel, None where nothing tells of a mismatch, or where it cannot be reckoned.
 
     Args:
         looker: of the problem.
@@ -31,6 +31,14 @@ def law_of_rest(
         left: physics-free structure that stays in the channel.
         beside: whether a name acts in the channel: a faint rest may then be what the name gets wrong.
     """
+    try:
+        return _law_of_rest(looker, data, state, left, beside=beside)
+    except np.linalg.LinAlgError as error:  # costs this law, not the answer
+        looker.failed[f"law of {data.channel.name}"] = f"was not found: {error}"
+        return None
+
+
+def _law_of_rest(looker: Looker, data: ChannelData, state: State, left: Structure, *, beside: bool) -> Law | None:
     certain, place = is_structure(left), locate(looker, data, state)
     if not (certain or place or np.any(data.residual(state))):
         return None

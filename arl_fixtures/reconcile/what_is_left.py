@@ -40,11 +40,7 @@ def find_laws(decision: Decision) -> None:
         if lies_where_names_act(decision.problem, d, acting, decision.terms):
             continue  # and this is what a name cannot know of the edges that it moves
         if not acted or decision.standing.left_share(name) > UNKNOWN_SHARE or name in decision.standing.causes.found:
-            try:
-                law = law_of_rest(decision.found.looker, d, state, decision.after[name], beside=acted)
-            except np.linalg.LinAlgError as error:  # costs this law, not the answer
-                decision.found.looker.failed[f"law of {name}"] = f"was not found: {error}"
-                continue
+            law = law_of_rest(decision.found.looker, d, state, decision.after[name], beside=acted)
             law = law or (None if acted else decision.fallen.get(name) or law_of_units(decision.problem, d, state))
             # trees beside a name only mend its shape, and so does what says the same in other words
             if law is None or (acted and (not law.terms or says_the_same(acting, law.drivers))):

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from arl_fixtures.reconcile import law_of_rest
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import Columns, FloatArray
 from arl_fixtures.reconcile.features import category_id
@@ -93,6 +94,18 @@ def test_noise_has_no_law_and_no_place(problem_of, seed):
     _, chosen, _ = searched(looker, data)
     assert not is_law(chosen)
     assert locate(looker, data, looker.problem.view.fresh_state()) is None
+
+
+def test_what_cannot_be_reckoned_costs_a_law_and_not_the_answer(problem_of, monkeypatch):
+    looker, data = problem_of(5, turning)
+
+    def singular(*_args):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr(law_of_rest, "locate", singular)
+    state = looker.problem.view.fresh_state()
+    assert law_of_rest.law_of_rest(looker, data, state, looker.look(data, state)) is None
+    assert "Singular matrix" in looker.failed["law of distance_m"]
 
 
 def test_a_line_is_said_as_a_line(problem_of):
