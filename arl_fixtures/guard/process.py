@@ -241,11 +241,9 @@ class GuardProcess:
 
     def _turn_has_come(self, message: Message) -> bool:
         header = message.header
-        if header["op"] == "hello":
-            # who comes while it is about to end is hung up on, and calls the next one
-            return self._core.to_do is None and not self._ending
-        if header["op"] == "ack":
-            return self._core.to_do is None
+        if header["op"] in {"hello", "ack"}:
+            # who says hello while it is about to end is hung up on, and calls the next one
+            return self._core.to_do is None and not (header["op"] == "hello" and self._ending)
         if message.payload and self._core.driven:
             line = self._lines.get(header.get("line", ""))
             return line is None or line.free_for_test_s() <= self._now_s

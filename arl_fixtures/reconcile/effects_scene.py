@@ -287,8 +287,10 @@ def joins_unlike_rows(view: View, found: Scene) -> bool:
         return False
     if int(found.line.max()) + 1 >= int(table.group("dut", "pixel_v").max()) + 1:
         return False
+    if pure_rows(view).all():
+        return True
     flat = _flattened(view, distances(view)[0], ray_column(view, "elevation_deg"))
-    return bool(pure_rows(view).all()) or _roughness(found.line, found.bearing, flat) > _UNLIKE
+    return _roughness(found.line, found.bearing, flat) > _UNLIKE
 
 
 def gap_of(line: IntArray, bearing: FloatArray) -> float:

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from arl_fixtures.reconcile.acceptance import PRICE
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.diagnosis import Alternative, Finding, HeldOut, ParameterValue
 from arl_fixtures.reconcile.finding_words import separating, size_of, statement, tidy
 from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.held_out import held_out_of, held_out_without
-from arl_fixtures.reconcile.in_place import others_in_place, without_name
+from arl_fixtures.reconcile.in_place import charged, others_in_place, without_name
 from arl_fixtures.reconcile.intervals import half_widths
 from arl_fixtures.reconcile.law import Law, LawTerm
 from arl_fixtures.reconcile.patterns import Pattern
@@ -98,7 +97,7 @@ def _alternatives(
         alternatives, and those among them that cannot be told apart with the measurement that each asks for.
     """
     term = decision.best.terms[index]
-    own = gain - PRICE * len(term.free())
+    own = charged(term, gain)
     alternatives: list[Alternative] = []
     twins: dict[str, str] = {}
     for r, deficit, alike in others_in_place(decision, index, without, gain):

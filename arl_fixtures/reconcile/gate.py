@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from arl_fixtures.reconcile.acceptance import PRICE, TWIN_GAIN, worth
+from arl_fixtures.reconcile.acceptance import TWIN_GAIN, worth
 from arl_fixtures.reconcile.consequences import read_alike
 from arl_fixtures.reconcile.fit import finish, fit
-from arl_fixtures.reconcile.in_place import others_in_place, without_name
+from arl_fixtures.reconcile.in_place import charged, others_in_place, without_name
 from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.patterns_beside import add_patterns
 from arl_fixtures.reconcile.rivals import plain_gain
@@ -85,7 +85,7 @@ def _gain_beside_laws(decision: Decision, term: Term) -> float:
     own, rest = decision.final_state(), decision.final_state(without=term)
     changed = [d for d in decision.problem.data if own[d.channel.name] is not rest[d.channel.name]]
     gains = (d.fit_scatter(d.residual(own))[0] - d.fit_scatter(d.residual(rest))[0] for d in changed)
-    return sum(gains) - PRICE * len(term.free())
+    return charged(term, sum(gains))
 
 
 def _widen(decision: Decision, kept: Sequence[Term]) -> bool:

@@ -10,6 +10,7 @@ from arl_fixtures.reconcile.effects_render import rendered
 from arl_fixtures.reconcile.fit import Fit, finish, fit
 from arl_fixtures.reconcile.screen import screen
 from arl_fixtures.reconcile.settling import shortlist
+from arl_fixtures.reconcile.terms import Term
 from arl_fixtures.reconcile.told_apart import idle_price, is_undecided
 
 if TYPE_CHECKING:
@@ -39,6 +40,11 @@ def without_name(decision: Decision, index: int) -> tuple[Fit, float]:
     return without, finish(decision.problem, decision.best).log_likelihood - without.log_likelihood
 
 
+def charged(term: Term, gain: float) -> float:
+    """What a name gains, less the price of its parameters."""
+    return gain - PRICE * len(term.free())
+
+
 def others_in_place(decision: Decision, index: int, without: Fit, gain: float) -> Iterator[InPlace]:
     """Each other effect once, by its best variant, the likeliest first.
 
@@ -51,7 +57,7 @@ def others_in_place(decision: Decision, index: int, without: Fit, gain: float) -
     acted = set(decision.energy(term)) or set(term.variant.channels)
     variants = [v for v in decision.search.variants if acted & set(v[1].channels)]
     again = screen(decision.search.small, variants, without.terms)
-    own = gain - PRICE * len(term.free())
+    own = charged(term, gain)
     sampled = rendered(decision.problem.view) is None
     tried = {term.effect.id}
     for r in decision.search.rank(without, shortlist(again.candidates)[:MOST_TRIED]):

@@ -67,11 +67,9 @@ def find_patterns(
             fields = [p for p in variant.parameters if p.per]
             if len(fields) == 1:
                 pattern = _fit_pattern(problem, effect, variant, fields[0], terms, base)
-                if pattern is None or (pattern.smooth and not smooth):
-                    continue
-                if pattern.gain > PATTERN_GAIN and pattern.z > PATTERN_Z:
+                if pattern is not None and pattern.gain > PATTERN_GAIN and pattern.z > PATTERN_Z:
                     found.append(pattern)
-    return sorted(found, key=lambda p: -p.gain)
+    return sorted((p for p in found if smooth or not p.smooth), key=lambda p: -p.gain)
 
 
 def _fit_pattern(
@@ -120,7 +118,7 @@ def _fit_pattern(
         if d.channel.role is Role.FRACTION:
             share = np.bincount(code[d.use], tangent * residual, minlength=len(keys))
             answers = share / np.maximum(np.bincount(code[d.use], tangent**2, minlength=len(keys)), 1e-12)
-    total, pull, alike = gram.sum(axis=0), score.sum(axis=0), False
+    total, pull = gram.sum(axis=0), score.sum(axis=0)
     good = total > 1e-9
     if good.sum() < FEWEST_LEVELS:
         return None
@@ -147,7 +145,7 @@ def _fit_pattern(
         measured = values
         gain = float(0.5 * np.sum(z[strong] ** 2) - chosen * np.log(len(keys)))
         size = float(strong.sum())
-        z_half = SPARSE_Z if strong.any() else 0.0
+        z_half, alike = SPARSE_Z if strong.any() else 0.0, False
     else:
         tau, gain = fit_tau(pull, total)
         if sees_one_place(problem) and sits_in_few(measured[good], total[good], tau):

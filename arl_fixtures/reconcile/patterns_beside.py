@@ -71,8 +71,8 @@ def find_smooth(decision: Decision) -> None:
         shares = _shares(decision, pattern, terms)
         if is_calibration(decision.problem, pattern, terms) or pattern.gain <= max(shares, default=0.0):
             continue
-        looks = [(d, decision.after[d.channel.name]) for d in told]
-        laws = [law_of_rest(decision.found.looker, d, state, look, beside=bool(shares)) for d, look in looks]
+        looks = [(d, decision.after[d.channel.name]) for d in told if shares]  # without names there is none: asked
+        laws = [law_of_rest(decision.found.looker, d, state, look, beside=True) for d, look in looks]
         decision.laws += [law for law in laws if law]
         if not any(laws):
             decision.patterns.append(pattern)

@@ -65,18 +65,16 @@ class ZeroOffset(Effect):
 
     def expression(self, variant: Variant) -> str:
         """The law."""
-        added = "zero" if variant.options["kind"] == "constant" else "backlash / 2 * sign of travel"
-        if "side" in variant.options:
-            added = f"backlash * [came {variant.options['side']}wards]"
-        if variant.options["kind"] == "both":
-            added = f"zero + {added}"
+        side = variant.options.get("side")
+        backlash = f"backlash * [came {side}wards]" if side else "backlash / 2 * sign of travel"
+        added = " + ".join(backlash if p.name == "backlash" else p.name for p in variant.parameters)
         if "channel" in variant.options:
             return f"{variant.options['channel']} += {added}"
         return f"every channel = simulation at {turned_angle(variant)} + {added}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """The offset."""
-        if variant.options["kind"] == "constant":
+        if "backlash" not in values:
             return f"The stage stands {values['zero']:+.3f}° from where its angle says."
         off = f", and stands {values['zero']:+.3f}° off on their average" if "zero" in values else ""
         return (
