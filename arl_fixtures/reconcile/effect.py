@@ -105,6 +105,7 @@ class Parameter:
         typical: size of the amplitude at which the effect is well visible (finite differences start from it).
         starts: values of a shape parameter to screen; the first is its default.
         per: columns whose levels each get a value of their own (a field parameter); empty for a plain number.
+        last: whether a fit finds all others first: far from them it would lead astray.
     """
 
     name: str
@@ -115,6 +116,7 @@ class Parameter:
     typical: float = math.nan
     starts: tuple[float, ...] = ()
     per: tuple[str, ...] = ()
+    last: bool = False
 
     def __post_init__(self) -> None:
         if self.null is None and not self.starts:

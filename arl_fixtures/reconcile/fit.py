@@ -106,11 +106,15 @@ def fit(problem: Problem, terms: Sequence[Term], *, rounds: int = 12, tolerance:
         rounds: most Gauss-Newton steps.
         tolerance: stop when a step gains less log-likelihood than this.
     """
-    found = _descend(problem, terms, rounds=rounds, tolerance=tolerance)
+    keys = free_keys(terms)
+    first = [(index, p) for index, p in keys if not p.last]
+    if rounds >= FEWEST_ROUNDS and len(first) < len(keys):
+        terms = _descend(problem, terms, first, rounds=rounds, tolerance=tolerance).terms
+    found = _descend(problem, terms, keys, rounds=rounds, tolerance=tolerance)
     if rounds < FEWEST_ROUNDS or not any(term.variant.rough for term in terms):
         return found
     start = min((found.terms, tuple(terms)), key=lambda t: _left(problem, t, rough=True))  # a tangent may lead astray
-    return _descend(problem, _by_trials(problem, start, rounds), rounds=min(rounds, 4), tolerance=tolerance)
+    return _descend(problem, _by_trials(problem, start, rounds), keys, rounds=min(rounds, 4), tolerance=tolerance)
 
 
 def steady_jacobian(problem: Problem, found: Fit) -> FloatArray:
@@ -173,8 +177,10 @@ def _secant(problem: Problem, found: Fit, place: int, p: Parameter) -> FloatArra
     return secant(problem, found.state, moved, 0.02 * unit_step(p))
 
 
-def _descend(problem: Problem, terms: Sequence[Term], *, rounds: int, tolerance: float) -> Fit:
-    keys = free_keys(terms)
+def _descend(
+    problem: Problem, terms: Sequence[Term], keys: list[tuple[int, Parameter]], *, rounds: int, tolerance: float
+) -> Fit:
+    """From the terms' values, along these parameters alone."""
     low = np.array([p.low for _, p in keys])
     high = np.array([p.high for _, p in keys])
     scale = np.array([unit_step(p) for _, p in keys])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,7 +14,10 @@ from arl_fixtures.reconcile.view import View
 
 
 class WindowContamination(LightFactor):
-    """I *= 1 − loss·spot(u, v): an ellipse with a soft rim, the same at every angle and temperature.
+    """I *= 1 − loss·spot(u, v): an ellipse, the same at every angle and temperature.
+
+    Its rim is as soft as the dirt's: a film that thins out from its middle (rim 1) loses most of its area and half of
+    its depth where it is taken for a disc, a drop seen by a narrow beam has a sharp one.
 
     u and v are a pixel's column and row; where a sensor has none (a scanner, a single beam that is steered), the
     direction of its ray in its own frame, azimuth and elevation in degrees, for the stain turns with the sensor.
@@ -43,6 +47,7 @@ class WindowContamination(LightFactor):
                 least = (0.5 if wide < 4.0 else 1.0) if pixels else _NARROWEST * wide
                 touching = 0.17 * wide if pixels else 0.6 * wide / count
                 parameters.append(shape(f"radius_{letter}", unit, least, max(0.6 * wide, 2.0 * least), touching))
+            parameters.append(replace(shape("rim", "1", *_RIMS, _RIM), last=True))
             yield Variant(
                 effect=self.id,
                 options={"channel": channel, **{x: axis for x, axis in axes.items() if axis in _RAYS.values()}},
@@ -59,7 +64,8 @@ class WindowContamination(LightFactor):
             if axis == "azimuth_deg":
                 away = np.mod(away + 180.0, 360.0) - 180.0  # a scanner sees all around
             square = square + (away / float(values[f"radius_{letter}"])) ** 2
-        inside = np.exp(-np.log(2.0) * np.minimum(np.nan_to_num(square, nan=1e3), 1e3) ** _RIM)
+        rim = float(values.get("rim", _RIM))  # models of before had none
+        inside = np.exp(-np.log(2.0) * np.minimum(np.nan_to_num(square, nan=1e3), 1e3) ** rim)
         return np.asarray(1.0 - float(values["loss"]) * inside)
 
     def where(self, variant: Variant, values: Values, view: View) -> dict[str, list[str] | list[float]]:
@@ -79,7 +85,7 @@ class WindowContamination(LightFactor):
             f"(({axis} - centre_{x}) / radius_{x})^2"
             for x, axis in _axes(variant, {p.name: 0.0 for p in variant.parameters})
         )
-        return f"{channel} *= 1 - loss * 2^(-({ellipse})^{_RIM:g})"
+        return f"{channel} *= 1 - loss * 2^(-({ellipse})^rim)"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Loss and place."""
@@ -96,7 +102,8 @@ class WindowContamination(LightFactor):
         return "Wipe the window and repeat one step: dirt goes, a pattern of the pixels stays."
 
 
-_RIM = 2.0
+_RIM, _RIMS = 2.0, (0.7, 8.0)
+"""Exponent of the rim to start from, and its range: below it, a spot has no end."""
 _NARROWEST = 0.005
 """Share of a scanner's field of view that the smallest spot takes."""
 _APART_DEG = 40.0

@@ -19,8 +19,11 @@ RIVALS = [
 ]  # fmt: skip
 
 
-def line_scan(seed, stains):
-    """A line scanner in a room of six walls; stains are (centre, half width, loss) with edges a beam's width soft."""
+def line_scan(seed, stains, film=None):
+    """A line scanner in a room of six walls; stains are (centre, half width, loss) with edges a beam's width soft.
+
+    A film is (centre, standard deviation, depth at its middle): what ran down and dried, thinner ever farther out.
+    """
     rng = np.random.default_rng(seed)
     step, place = (part.ravel().astype(float) for part in np.meshgrid(np.arange(6), np.arange(280), indexing="ij"))
     azimuth = place - 139.5
@@ -30,6 +33,8 @@ def line_scan(seed, stains):
     for centre, half, loss in stains:
         rim = np.tanh((azimuth - centre + half) / 1.2) - np.tanh((azimuth - centre - half) / 1.2)
         kept = kept * (1.0 - loss * 0.5 * rim) ** 2
+    if film is not None:
+        kept = kept * np.exp(-2.0 * film[2] * np.exp(-0.5 * ((azimuth - film[0]) / film[1]) ** 2))
     sigma = np.hypot(6.0, 0.015 * light)
     shared = 1.0 + 0.003 * rng.normal(size=6)[step.astype(int)]
     return columns_of(pa.table({
@@ -50,6 +55,16 @@ def test_two_stains_are_found_where_each_lies():
 
 def test_one_stain_is_one_finding():
     assert len(diagnose(line_scan(6, [(20.0, 9.0, 0.04)]), effects=RIVALS)[0].findings) == 1
+
+
+@pytest.mark.parametrize("seed", [7, 8])
+def test_a_film_that_thins_out_is_as_deep_as_it_is(seed):
+    (found,) = diagnose(line_scan(seed, [], film=(31.0, 9.0, 0.06)), effects=RIVALS)[0].findings
+    said = {p.name: p for p in found.parameters}
+    assert found.effect == "optics.window_contamination"
+    assert said["loss"].low < 1.0 - np.exp(-0.12) < said["loss"].high
+    assert said["loss"].high - said["loss"].low < 0.05
+    assert said["radius_u"].low < 9.0 * np.sqrt(2.0 * np.log(2.0)) < said["radius_u"].high  # half of the middle's
 
 
 def image(seed, kept):
