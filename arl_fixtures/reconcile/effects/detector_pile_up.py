@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from scipy.special import erfc
@@ -23,6 +23,7 @@ from arl_fixtures.reconcile.effects_common import (
 )
 from arl_fixtures.reconcile.effects_counting import counts_photons
 from arl_fixtures.reconcile.effects_frame import ranged_by
+from arl_fixtures.reconcile.effects_histogram import counted, window_parameters
 from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
@@ -38,6 +39,9 @@ class PileUp(Effect):
     Where exposures vary, x goes with the light that comes in a second: I over the exposure.
     Where the background's light varies, also with exp(−blocked·b / b_top): what it has fired is blind to the pulse.
 
+    * histogram: as pulse, but the background fires detectors, too, and a histogram's floor is taken away
+      (`effects_histogram`).
+
     early(x, tail): how much earlier than its mean a pulse's first photon comes, in standard deviations. A Gaussian
     pulse has no tail (0); one that decays from a sharp edge (1) has no photon before that edge.
     """
@@ -52,7 +56,7 @@ class PileUp(Effect):
 
     def variants(self, view: View) -> Iterable[Variant]:
         """One per intensity channel."""
-        background = _background(view)
+        background, floor = _background(view), _floor(view)
         for channel in signals(view):
             moved = ranged_by(view, channel)[:1]
             if not moved and unit_of(channel) not in _COUNTED:
@@ -64,17 +68,22 @@ class PileUp(Effect):
             tails = [shape("tail", "1", 0.0, 1.0, 0.5)] if moved else []
             recovery = shape("paralysis", "1", 0.0, 1.0, 0.0, 0.8)
             spent = exposure_column(view)
+            window = window_parameters(moved[0]) if floor and moved else []
             for kind, exposure, further in (
                 ("dead time", "", [recovery, *widths]), ("pulse", "", [*widths, *tails]),
                 *([("background", "", [*widths, *tails])] if background else []),
                 *([("dead time", spent, [recovery, *widths]), ("pulse", spent, [*widths, *tails])] if spent else []),
                 *([("pulse", "", [])] if moved and counts_photons(view, channel) else []),
+                *([("histogram", "", [*widths, *tails, *window])] if window else []),
             ):  # fmt: skip
                 pulled = moved if further else []
                 blocked = [amplitude("blocked", "1", 0.0, 20.0, 0.1)] if kind == "background" else []
+                column = floor if kind == "histogram" else background if blocked else ""
                 behind: dict[str, Option] = (
-                    {"background": background, "brightest": rounded(view.span(background)[1])} if blocked else {}
+                    {"background": column, "brightest": rounded(view.span(column)[1])} if column else {}
                 )
+                if kind == "histogram":
+                    behind["farthest"] = rounded(view.span(f"sim_{moved[0]}")[1])
                 yield Variant(
                     effect=self.id,
                     options={
@@ -87,8 +96,8 @@ class PileUp(Effect):
                         **behind,
                     },
                     parameters=(amplitude("load", "1", 0.0, 50.0, 0.2), *blocked, *further),
-                    channels=tuple(dict.fromkeys((*pulled, *with_scatter(view, channel)))),
-                    drivers=(f"sim_{channel}", *filter(None, (exposure, background if blocked else ""))),
+                    channels=_moved_by(view, channel, pulled, kind),
+                    drivers=(f"sim_{channel}", *filter(None, (exposure, column))),
                 )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
@@ -101,11 +110,17 @@ class PileUp(Effect):
                 rate, most = light / view.number(str(variant.options["exposure"])), _brightest(variant)
             load = np.clip(float(values["load"]) * rate / most, 0.0, 200.0)
         kept = _kept(load, values)
-        if "background" in variant.options:
-            behind = np.nan_to_num(view.number(str(variant.options["background"]))) / float(
-                variant.options["brightest"]
-            )
-            light = light * np.exp(-float(values["blocked"]) * np.clip(behind, 0.0, 10.0))
+        lead = early(np.nan_to_num(load), float(values.get("tail", 0.0))) if distance else np.zeros(0)
+        if "farthest" in variant.options:
+            far = float(variant.options["farthest"])
+            place = np.clip(np.nan_to_num(state[distance] / far), 0.0, 3.0)
+            echo = counted(light, kept, _behind(variant, view), float(variant.options["top"]), far, place, values)
+            light = echo.light / kept
+            state[distance] = state[distance] + echo.pull
+            if f"{distance}_std" in state:
+                state[f"{distance}_std"] = state[f"{distance}_std"] * echo.scatter
+        elif "background" in variant.options:
+            light = light * np.exp(-float(values["blocked"]) * _behind(variant, view))
         if "paralysis" in values:
             paralysis = float(values["paralysis"])
             alive = 1.0 + (1.0 - paralysis) * load
@@ -114,7 +129,6 @@ class PileUp(Effect):
             change = np.sqrt(kept * np.exp(-np.minimum(load, 50.0)))  # a binomial count: fired or not
         set_response(state, channel, light * kept, np.nan_to_num(change, nan=1.0))
         if distance:
-            lead = early(np.nan_to_num(load), float(values.get("tail", 0.0)))
             state[distance] = state[distance] - float(values["width"]) * lead
 
     def expression(self, variant: Variant) -> str:
@@ -125,7 +139,13 @@ class PileUp(Effect):
         if "exposure" in variant.options:
             rate, most = f"{channel} / {variant.options['exposure']}", variant.options["brightest_rate"]
         text = f"{channel} *= {loss}, x = load * {rate} / {most}"
-        if "background" in variant.options:
+        if "farthest" in variant.options:
+            behind = f"{variant.options['background']} / {variant.options['brightest']}"
+            text += (
+                f"; exp(-load * ambient * {behind} * {distance} / {variant.options['farthest']}) of the detectors "
+                "are awake, and the floor under an echo is not the one before it"
+            )
+        elif "background" in variant.options:
             text += f", times exp(-blocked * {variant.options['background']} / {variant.options['brightest']})"
         return f"{text}; {distance} -= width * early(x, tail)" if distance else text
 
@@ -167,7 +187,7 @@ def _brightest(variant: Variant) -> float:
 
 
 def _is_pulsed(variant: Variant) -> bool:
-    return variant.options.get("kind") in {"pulse", "background"}
+    return variant.options.get("kind") in {"pulse", "background", "histogram"}
 
 
 def _kept(load: FloatArray, values: Values) -> FloatArray:
@@ -222,7 +242,28 @@ def early(load: FloatArray, tail: float = 0.0) -> FloatArray:
     return np.asarray(np.interp(load, _LOADS, (1.0 - part) * _LEAD[low] + part * _LEAD[low + 1]))
 
 
+def _behind(variant: Variant, view: View) -> FloatArray:
+    """The background over its brightest."""
+    light = view.number(str(variant.options["background"])) / float(variant.options["brightest"])
+    return np.clip(np.nan_to_num(light), 0.0, 10.0)
+
+
+def _moved_by(view: View, channel: str, pulled: Sequence[str], kind: str) -> tuple[str, ...]:
+    more = [f"{name}_std" for name in pulled if kind == "histogram"]
+    known = {entry.name for entry in view.columns.channels}
+    return tuple(dict.fromkeys((*pulled, *with_scatter(view, channel), *(name for name in more if name in known))))
+
+
+_WORDS = ("ambient", "background", "sunlight")
+
+
+def _floor(view: View) -> str:
+    """The column that tells the histogram's floor: of a channel its simulated one; empty where none does."""
+    told = [n for n in view.sim if any(word in n for word in _WORDS) and not n.endswith("_std")]
+    return next((f"sim_{n}" for n in told if view.varies(f"sim_{n}")), _background(view))
+
+
 def _background(view: View) -> str:
     """The varying column that tells how bright the background is; none where none does."""
-    told = [n for n in view.covariates() if any(word in n for word in ("ambient", "background", "sunlight"))]
+    told = [n for n in view.covariates() if any(word in n for word in _WORDS)]
     return next((n for n in told if unit_of(n) in {*_COUNTED, "1", "lx", "W"} and view.span(n)[0] >= 0.0), "")
