@@ -12,7 +12,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.acceptance import PRICE
 from arl_fixtures.reconcile.channel_data import ChannelData
-from arl_fixtures.reconcile.law import Law
+from arl_fixtures.reconcile.law import Axis, Law
 from arl_fixtures.reconcile.law_fit import Chosen
 from arl_fixtures.reconcile.law_search import gain_of_others, search_law
 from arl_fixtures.reconcile.locate import locate
@@ -123,7 +123,12 @@ class Standing:
         return not self._stands_beside(d, acting, rival)
 
     def _stands_beside(self, d: ChannelData, acting: Sequence[Term], rival: _Rival) -> bool:
-        """Whether names do as well as a law if what the law has found beyond their own columns stands beside them."""
+        """Whether names do as well as a law if what the law has found beyond their own columns stands beside them.
+
+        Not where all of the law holds in one place that no name tells: what happens there is one thing.
+        """
+        if {mark.column for mark in _marks_of(rival.chosen)} - {t.unit_column for t in acting}:
+            return False
         own = forward(self.decision.best.terms, self.problem.view)
         others = gain_of_others(self.looker, d, own, rival.chosen, driven_by(*acting))
         return others is not None and rival.chosen.plain <= rival.needed(others)
@@ -164,3 +169,10 @@ class Standing:
             return needed_by_law(named + others, plain, acting, law.drivers, at_edges=edges, is_line=is_line)
 
         return _Rival(law, chosen, needed) if chosen.z > LEAST_Z and chosen.plain > needed(0.0) else None
+
+
+def _marks_of(chosen: Chosen) -> set[Axis]:
+    """Categories in which every term of a law of several holds, and nowhere else."""
+    products = [product for term in chosen.terms for product in (term.basis.waves or (term.basis.axes,))]
+    marks = [{axis for axis in product if axis.kind == "is"} for product in products]
+    return set.intersection(*marks) if len(chosen.terms) > 1 else set()
