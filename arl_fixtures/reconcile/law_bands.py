@@ -25,6 +25,8 @@ CLEAR_GAP = 5.0
 """Standard deviations of a column's readings within steps by which the levels of two steps must differ for a cut."""
 WIDEST = 0.7
 """Share of the rows beyond which a band is rather a step."""
+PRICE_STEP, LEAST_BEYOND = 7.5, 0.03
+"""What a step must earn whose place is the best of dozens, and the share of rows on either side of it."""
 PRICE_BOX, PER_BOXES = 1.0, 0.8
 """What a box must earn, and for each unit in the logarithm of how many there are: noise on 6×6 to 48×32 levels makes
 the best box gain 8.3 to 12.8 in one table of a hundred (ln 361 to ln 619 000), as if fewer were independent."""
@@ -131,6 +133,26 @@ def best_band(part: Parted, direction: FloatArray, residual: FloatArray) -> tupl
     gain[(first == 0) | (last == count)] = 0.0
     best = int(np.argmax(gain))
     return (int(first[best]), int(last[best])) if gain[best] > 0 else None
+
+
+def best_step(work: Work, name: str) -> Axis | None:
+    """The step over a column that parts what is left best; None where it has too few levels."""
+    part = _parted(work, name)
+    if part is None:
+        return None
+    there, count = part.code >= 0, len(part.cuts) + 1
+    push = _running(part.code[there], (work.direction * work.residual)[there], count)[1:-1]
+    power = _running(part.code[there], (work.direction**2)[there], count)
+    rows = _running(part.code[there], np.ones(int(there.sum())), count)
+    share = 1.0 - rows[1:-1] / rows[-1]
+    beyond = np.where((share > LEAST_BEYOND) & (share < 1.0 - LEAST_BEYOND), power[-1] - power[1:-1], 0.0)
+    whole = float((work.direction * work.residual)[there].sum())
+    gain = np.where(beyond > 0.0, (whole - push) ** 2 / np.maximum(beyond, 1e-300), 0.0)
+    best = int(np.argmax(gain))
+    low, high = float(part.cuts[0]), float(part.cuts[-1])
+    if not gain[best] > 0.0 or high <= low:
+        return None
+    return Axis(column=name, kind="step", middle=0.5 * (low + high), width=high - low, at=float(part.cuts[best]))
 
 
 def _running(code: IntArray, values: FloatArray, count: int) -> FloatArray:

@@ -28,6 +28,8 @@ MOST_JUDGED = 16
 """Candidates of a round that are judged on all rows: those that rank first on a part of them."""
 MOST_FAILED = 3
 """Times that the best candidates of all may fail on unseen blocks before a search ends."""
+SET_MEANWHILE = 0.9
+"""Share of what a law of an order foretells from which one of what was set in that order is the law."""
 FURTHER_EVIDENCE = 6.0
 """What a further term must earn beyond its price: of hundreds beside a good first one some earn a little."""
 
@@ -35,14 +37,26 @@ FURTHER_EVIDENCE = 6.0
 def find_terms(work: Work, pool: Candidates, whole: Work | None = None) -> Chosen:
     """Forward selection from a pool; the joint fit and what unseen blocks say of it.
 
+    Where a law says when something was measured, and what was set meanwhile says nearly as much, that is the law.
+
     Args:
         work: the rows of the pool's vectors, on which its candidates are ranked.
         pool: candidates.
         whole: the rows on which they are judged and fitted, if these are more.
     """
-    whole, own = whole or work, f"sim_{work.data.channel.name}"
+    found = _forward(work, pool, whole or work, frozenset())
+    if not any(is_order(name) for term in found.terms for name in term.basis.columns):
+        return found
+    orders = frozenset(k for k, item in enumerate(pool.items) if any(map(is_order, item.basis.columns)))
+    timeless = _forward(work, pool, whole or work, orders)
+    return timeless if timeless.held > SET_MEANWHILE * found.held else found
+
+
+def _forward(work: Work, pool: Candidates, whole: Work, without: frozenset[int]) -> Chosen:
+    own = f"sim_{work.data.channel.name}"
     chosen, left = Chosen(left=whole.residual), work.residual
     judged = _Judged(work, whole, pool)
+    judged.tried |= without
     ranked: list[int] = []
     failed = 0
     while len(chosen.terms) < MOST_TERMS:

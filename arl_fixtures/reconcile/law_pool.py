@@ -10,7 +10,7 @@ import numpy as np
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.features import in_degrees
 from arl_fixtures.reconcile.law import GAP, PLATE, Axis, axes_of
-from arl_fixtures.reconcile.law_bands import MOST_LINES, bands_of
+from arl_fixtures.reconcile.law_bands import MOST_LINES, PRICE_STEP, bands_of, best_step
 from arl_fixtures.reconcile.law_basis import (
     FEWEST_TURNS,
     FINE,
@@ -92,6 +92,9 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
             fine = curve_axis(name, values, FINE_KNOTS)
             if fine is not None and len(fine.edges) > KNOTS:
                 bases.append(Basis(axes=(fine,), prior=smooth_prior(fine, FINE), price=PRICE_CURVE + extra))
+            step = best_step(work, name)
+            if step:
+                bases.append(Basis(axes=(step,), price=PRICE_STEP + extra))
             wave = best_wave(work, name)
             if wave:
                 bases.append(Basis(waves=waves_of(name, wave.turns), price=PRICE_TWO + extra + wave.price))

@@ -21,6 +21,7 @@ from arl_fixtures.reconcile.law_choice import find_terms
 from arl_fixtures.reconcile.law_drivers import strongest_first
 from arl_fixtures.reconcile.law_fit import Chosen, confirm
 from arl_fixtures.reconcile.law_harm import harmless
+from arl_fixtures.reconcile.law_own_heat import of_own_heat
 from arl_fixtures.reconcile.law_pool import pool_of
 from arl_fixtures.reconcile.law_refined import PRICE_FACTOR, completed, factors_of, from_nil, narrowed
 from arl_fixtures.reconcile.law_shape import sharpened
@@ -182,7 +183,7 @@ def _from_start(
         known = [n for n in leading if n in work.features]  # a column may be empty where this channel has rows
         found = find_terms(work, pool_of(work, looker, known), whole)
         found = from_nil(whole, narrowed(whole, found, factors_of(work, looker, known)))
-        found = completed(whole, sharpened(whole, found))
+        found = of_own_heat(whole, completed(whole, sharpened(whole, found)))
         if found.held < 1.05 * chosen.held or not found.terms:
             break
         law, chosen = law_of(found, data), found
