@@ -9,6 +9,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.diagnosis import Alternative, Finding, HeldOut, ParameterValue
+from arl_fixtures.reconcile.effects_encoder import STAGE
 from arl_fixtures.reconcile.finding_words import separating, size_of, statement, tidy
 from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.held_out import held_out_of, held_out_without
@@ -168,8 +169,8 @@ def law_finding(decision: Decision, law: Law) -> Finding:
     sizes = [size_of_tables(t) for t in law.terms]
     parameters = [
         ParameterValue(
-            name=f"c{k + 1}", value=t.value * size, unit=law.unit, low=(t.value - 1.96 * t.error) * size,
-            high=(t.value + 1.96 * t.error) * size,
+            name=f"c{k + 1}", value=t.value * size, unit="deg" if t.turns else law.unit,
+            low=(t.value - 1.96 * t.error) * size, high=(t.value + 1.96 * t.error) * size,
         )
         for k, (t, size) in enumerate(zip(law.terms, sizes, strict=True))
     ]  # fmt: skip
@@ -189,8 +190,11 @@ def law_finding(decision: Decision, law: Law) -> Finding:
                 where[column] = list(bounds)
     explained = (left.before - left.after) / max(left.before - 1.0, 1e-9)
     nearest = _nearest(decision, law.channel)
+    turned = bool(law.terms) and all(t.turns for t in law.terms) and not law.trees
+    how = "as if the stage stood elsewhere than its angle says, " if turned else ""
+    told = [name for name in drivers if name != STAGE] if turned else drivers
     text = (
-        f"{law.channel} differs from the simulation with {', '.join(drivers[:3]) or 'no single column'} "
+        f"{law.channel} differs from the simulation {how}with {', '.join(told[:3]) or 'no single column'} "
         f"{size_of(total, law, before[law.channel][d.use])}; no effect of the library explains it."
     )
     held = HeldOut(

@@ -18,7 +18,7 @@ from arl_fixtures.reconcile.boosting import Boosted, Tree
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.converter_bits import is_set
 from arl_fixtures.reconcile.features import category_id
-from arl_fixtures.reconcile.roles import unit_of
+from arl_fixtures.reconcile.roles import PER_TURN, unit_of
 
 Features = dict[str, FloatArray]
 LEAST_RATIO = 1e-3
@@ -105,7 +105,7 @@ class Axis:
         m, w, a = f"{self.middle:.5g}", f"{self.width:.5g}", f"{self.at:.5g}"
         return {
             "one": "1", "ratio": f"{c}/{m}", "square": f"(({c} - {m})/{w})^2",
-            "linear": f"({c} - {m})/{w}" if self.middle else f"{c}/{w}",
+            "linear": f"({c} - {m})/{w}" if self.middle else c if self.width == 1.0 else f"{c}/{w}",
             "size": f"|{c}|/{w}",
             "above": f"max({c} - {a}, 0)/{w}", "below": f"max({a} - {c}, 0)/{w}", "step": f"[{c} > {a}]",
             "exp": f"exp(3*({c} - {m})/{w})", "inverse": f"{m}/{c}", "log": f"ln({c}/{m})",
@@ -142,6 +142,11 @@ class LawTerm:
         for axis in self.axes:
             product = product * (axis(features) if axis.kind == "one" or _known(axis, features) else 0.0)
         return np.clip(product, -self.reach, self.reach)
+
+    @property
+    def turns(self) -> bool:
+        """Whether it is an error of the stage's angle: its coefficient is one in degrees."""
+        return any(axis.column.startswith(PER_TURN) for axis in self.axes)
 
     @property
     def text(self) -> str:

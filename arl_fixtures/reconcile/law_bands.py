@@ -147,7 +147,8 @@ def best_step(work: Work, name: str) -> Axis | None:
     share = 1.0 - rows[1:-1] / rows[-1]
     beyond = np.where((share > LEAST_BEYOND) & (share < 1.0 - LEAST_BEYOND), power[-1] - power[1:-1], 0.0)
     whole = float((work.direction * work.residual)[there].sum())
-    gain = np.where(beyond > 0.0, (whole - push) ** 2 / np.maximum(beyond, 1e-300), 0.0)
+    least = max(1e-9 * float(power[-1]), 1e-300)
+    gain = np.where(beyond > least, (whole - push) ** 2 / np.maximum(beyond, least), 0.0)
     best = int(np.argmax(gain))
     low, high = float(part.cuts[0]), float(part.cuts[-1])
     if not gain[best] > 0.0 or high <= low:

@@ -16,7 +16,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.law import OF_LABELS, Axis, Features, Rings
-from arl_fixtures.reconcile.roles import BEARING_SIGNS, PIXEL_COLUMNS, counts_visits, played, unit_of
+from arl_fixtures.reconcile.roles import BEARING_SIGNS, PER_TURN, PIXEL_COLUMNS, counts_visits, played, unit_of
 
 KNOTS, MAP_KNOTS = 12, 6
 FEWEST_TURNS = 2.0
@@ -282,8 +282,8 @@ def moving_rings_of(
 
 def is_proxy(column: str) -> bool:
     """Whether a column goes along with what drives an effect rather than drives it: an order, or the simulation."""
-    derived = column.startswith(("~", "sim_")) and column not in BEARING_SIGNS and not played(column)
-    return column in UNLIKELY or derived
+    acts = column in BEARING_SIGNS or bool(played(column)) or column.startswith(PER_TURN)
+    return column in UNLIKELY or (column.startswith(("~", "sim_")) and not acts)
 
 
 def is_order(column: str) -> bool:
@@ -307,7 +307,7 @@ def _price_of(column: str) -> float:
         return UNLIKELY[column]
     if counts_visits(column):
         return UNLIKELY["step"]
-    if column in BEARING_SIGNS:
+    if column in BEARING_SIGNS or column.startswith(PER_TURN):
         return 0.0
     if played(column):
         return FROM_WHERE

@@ -8,6 +8,7 @@ strongest given to the pool, where they pay for having been chosen among so many
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,20 +28,23 @@ NEAR_NIL = 0.5
 """Lowest value, as a share of its span, of a column whose nil is where an effect of it would be nil."""
 
 
-def crossed_of(work: Work, names: Sequence[str], marks: Sequence[Axis]) -> Iterator[Basis]:
+def crossed_of(
+    work: Work, names: Sequence[str], marks: Sequence[Axis], beside: tuple[Axis, ...] = ()
+) -> Iterator[Basis]:
     """The strongest products of functions of two columns.
 
     Args:
         work: the rows.
         names: numeric columns, no two of them nearly the same.
         marks: functions of categories.
+        beside: further factors of all products.
     """
     functions = _functions(work, names, marks)
     if len(functions) < 2:
         return
     rows = np.concatenate([np.stack([axis(work.features) for axis in wave]) for _, wave in functions])
     owner = np.repeat(np.arange(len(functions)), [len(wave) for _, wave in functions])
-    direction = work.direction
+    direction = np.prod([work.direction, *(axis(work.features) for axis in beside)], axis=0)
     push = (rows * (direction * work.residual)) @ rows.T
     power = (rows**2 * direction**2) @ (rows**2).T
     told = np.zeros((len(functions), len(functions)))
@@ -49,7 +53,7 @@ def crossed_of(work: Work, names: Sequence[str], marks: Sequence[Axis]) -> Itera
     steady = {name: work.is_shared((name,)) for name in set(columns)}
     pairs = [
         (told[i, j], i, j) for i in range(len(functions)) for j in range(i)
-        if columns[i] != columns[j] and not (steady[columns[i]] and steady[columns[j]])
+        if columns[i] != columns[j] and (beside or not (steady[columns[i]] and steady[columns[j]]))
     ]  # fmt: skip
     taken: set[tuple[str, str]] = set()
     for _, i, j in sorted(pairs, reverse=True):
@@ -57,7 +61,9 @@ def crossed_of(work: Work, names: Sequence[str], marks: Sequence[Axis]) -> Itera
             continue
         taken.add((columns[i], columns[j]))
         price = price_of((columns[i], columns[j])) + PRICE_ONE + PRICE_PRODUCT + PRICE_CROSSED
-        yield _product(functions[i][1], functions[j][1], price)
+        found = _product(functions[i][1], functions[j][1], price)
+        waves = tuple((*product, *beside) for product in found.waves)
+        yield replace(found, axes=found.axes if waves else (*found.axes, *beside), waves=waves)
         if len(taken) == MOST_CROSSED:
             return
 

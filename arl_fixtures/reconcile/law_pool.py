@@ -43,10 +43,11 @@ from arl_fixtures.reconcile.law_crossed import crossed_of
 from arl_fixtures.reconcile.law_lean import leant_of
 from arl_fixtures.reconcile.law_peaks import peaks_of
 from arl_fixtures.reconcile.law_pixels import drifts_of
+from arl_fixtures.reconcile.law_turned import turned_of
 from arl_fixtures.reconcile.law_waves import best_moving_rings, best_pair_wave, best_rings, best_wave
 from arl_fixtures.reconcile.law_work import Candidate, Work
 from arl_fixtures.reconcile.pilot import Looker
-from arl_fixtures.reconcile.roles import FIELD_COLUMNS, PIXEL, Role
+from arl_fixtures.reconcile.roles import FIELD_COLUMNS, PER_TURN, PIXEL, Role
 
 MOST_LEADING = 7
 PRICE_PAIR_WAVE = 7.0
@@ -70,7 +71,7 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
     ranked: dict[str, float] = {}
     simple: dict[str, list[Candidate]] = {}
     for name, values in work.features.items():
-        if name == PIXEL:
+        if name == PIXEL or name.startswith(PER_TURN):
             continue
         category = not name.startswith(("~", "sim_")) and view.is_category(name)
         labels = view.labels(name) if category else ()
@@ -138,6 +139,7 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
     pool.add(drifts_of(work, numeric))
     recorded = [n for n in sorted(numeric) if not n.startswith(("~", "sim_"))]
     pool.add(crossed_of(work, distinct(work, recorded), marks))
+    pool.add(turned_of(work, distinct(work, recorded), marks, simple))
     pool.add(_growing(work, names, simple, pool.items))
     pool.add(_refined(work, marks, pool.items))
     return pool

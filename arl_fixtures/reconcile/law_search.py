@@ -29,7 +29,7 @@ from arl_fixtures.reconcile.law_steps import of_few_steps, without_chance
 from arl_fixtures.reconcile.law_work import ALL_ROWS, MOST_ROWS, Work
 from arl_fixtures.reconcile.own_driver import says_of
 from arl_fixtures.reconcile.pilot import Looker, Structure
-from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.roles import PER_TURN, Role
 from arl_fixtures.reconcile.stated import surprise_shared
 
 Trial = tuple[Law, Chosen]
@@ -52,6 +52,8 @@ to none: its gain is already that of a test which knows how few they are. In 107
 none of them both this and `LAW_GAIN`. Beside a name, whose shape is never quite right, more."""
 REACH = 2.0
 """How much larger than on any row at hand a product of several columns may become on others."""
+LEAST_STEEP = 1e-3
+"""Share of the steepest row's slope over the stage's angle from which a row tells of the angle."""
 FEW_BLOCKS = 4.0
 """The least of these from which fewer blocks may say so."""
 LEAST_Z, FEW_Z = 1.7, 1.5
@@ -248,11 +250,18 @@ def law_of(chosen: Chosen, data: ChannelData) -> Law:
 def _strongest_first(looker: Looker, data: ChannelData, state: State, law: Law, chosen: Chosen) -> list[str]:
     """Columns of a law by what it would lose without them; those that only turn shares into amounts last."""
     axes = [axis for term in chosen.terms for axis in term.basis.axes]
-    first = [n for n in law.drivers if any(n in axis.columns and axis.kind != "inverse" for axis in axes)]
+    first = [
+        n for n in law.drivers
+        if any(n in axis.columns and axis.kind != "inverse" for axis in axes) and not n.startswith(PER_TURN)
+    ]  # fmt: skip
     features = {name: looker.features[name][data.use] for name in first}
     sim = state[data.channel.name][data.use] if law.relative else 1.0
     change = law.correction(looker.features, np.ones(looker.problem.view.n))[data.use]
     weight = (data.root_weight * data.expect * sim) ** 2
+    for name in (n for n in law.drivers if n.startswith(PER_TURN)):  # how steep the scene is drives nothing
+        slope = looker.features[name][data.use]
+        known = np.abs(slope) > LEAST_STEEP * float(np.max(np.abs(slope)))
+        change, weight = np.where(known, change / np.where(known, slope, 1.0), 0.0), weight * slope**2
     return strongest_first(first, features, change, weight) + [n for n in law.drivers if n not in first]
 
 

@@ -23,7 +23,7 @@ from arl_fixtures.reconcile.law_fit import scatter_where
 from arl_fixtures.reconcile.noise import fit_tau
 from arl_fixtures.reconcile.patterns import half_z, shared_part
 from arl_fixtures.reconcile.pilot import Looker
-from arl_fixtures.reconcile.roles import FIELD_COLUMNS, PIXEL, Role
+from arl_fixtures.reconcile.roles import FIELD_COLUMNS, PER_TURN, PIXEL, Role
 
 LOCATED_GAIN, LOCATED_Z = 11.0, 3.5
 MOST_BINS = 24
@@ -202,7 +202,7 @@ def _binnings(features: dict[str, FloatArray], looker: Looker) -> Iterator[tuple
     """Columns cut into bins, image columns and rows also modulo a period."""
     view = looker.problem.view
     for name, values in features.items():
-        if name.startswith("~parity") or name == PIXEL:
+        if name.startswith(("~parity", PER_TURN)) or name == PIXEL:
             continue
         if view.is_category(name) if not name.startswith(("~", "sim_")) else False:
             labels = view.labels(name)

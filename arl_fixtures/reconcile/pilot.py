@@ -29,7 +29,7 @@ from arl_fixtures.reconcile.noise import POSE, Level, less_shared
 from arl_fixtures.reconcile.play import turns
 from arl_fixtures.reconcile.pose_scatter import beside_pose
 from arl_fixtures.reconcile.problem import Problem
-from arl_fixtures.reconcile.roles import BEARING_SIGNS, PIXEL, Role, played
+from arl_fixtures.reconcile.roles import BEARING_SIGNS, PER_TURN, PIXEL, Role, played
 from arl_fixtures.reconcile.stated import by_chance
 
 MOST_ROWS = 12_000
@@ -87,7 +87,8 @@ class Looker:
         for name in [n for n in self.features if played(n)]:
             if not turns(self.features[name]):
                 del self.features[name]
-        self.binned: Binned = bin_columns({n: x for n, x in self.features.items() if n != PIXEL})
+        looked = {n: x for n, x in self.features.items() if n != PIXEL and not n.startswith(PER_TURN)}
+        self.binned: Binned = bin_columns(looked)
 
     def rows_of(self, data: ChannelData) -> IntArray:
         """Rows of a channel that are looked at: at most `MOST_ROWS`, evenly spread."""

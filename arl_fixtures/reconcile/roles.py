@@ -66,6 +66,8 @@ FIELD_COLUMNS = ("~radius(field)", "~twist(field)")
 PIXEL = "~pixel"
 """Number of a pixel of a device, the same in every table: a name of it, not a size."""
 _PLAY = "~play("
+PER_TURN = "~per_turn("
+"""How features begin that say how much a channel changes per degree of the stage (see `turned`)."""
 BEARING_SIGNS = {"~bearing(azimuth + stage)": 1.0, "~bearing(azimuth - stage)": -1.0}
 """Where a pixel looks in the room, by the sense in which azimuths and stage angles count: what stands there shows on
 whichever pixel looks at it."""

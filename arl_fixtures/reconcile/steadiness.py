@@ -23,7 +23,7 @@ from arl_fixtures.reconcile.noise import fit_tau
 from arl_fixtures.reconcile.own_driver import cells_of, driven_by
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.problem import Problem
-from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.roles import PER_TURN, Role
 from arl_fixtures.reconcile.terms import Term, forward
 from arl_fixtures.reconcile.unit_strengths import factors_of
 
@@ -152,7 +152,7 @@ def _moves(
         image = np.unique(taken, return_inverse=True)[1].astype(np.int64)
     most = UNSTEADY_EXACT if term.effect.exact else UNSTEADY_WEATHER if term.effect.weather else UNSTEADY
     for name, values in looker.features.items():
-        if place is not None and _told_by(place, values) > OF_PLACES:
+        if name.startswith(PER_TURN) or (place is not None and _told_by(place, values) > OF_PLACES):
             continue
         here = np.concatenate([values[d.use] for d in acting])
         tau, gain = factor_scatter(here, power, score, image)
