@@ -21,16 +21,17 @@ LEAST_ROWS = 20
 """Rows that must show a turn."""
 
 
-def per_turn(view: View) -> dict[str, FloatArray]:
+def per_turn(view: View, *, stands: bool = False) -> dict[str, FloatArray]:
     """Change of every signal, as a share of it, and of every distance per degree of the stage; nil where not known.
 
     Args:
         view: rows under work.
+        stands: whether it is asked of a stage that stands at one angle, too, as rows to be predicted may be.
 
     Returns:
         `~per_turn(X)` to values of shape (n,), in 1/deg or the distance's unit per degree; none where no stage turns.
     """
-    if turned_by(view) != STAGE:
+    if turned_by(view) != STAGE and not (stands and view.has(STAGE)):
         return {}
     ahead, behind = view.fresh_state(), view.fresh_state()
     with np.errstate(all="ignore"):
