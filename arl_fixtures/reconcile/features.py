@@ -9,7 +9,6 @@ import numpy as np
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.play import play_of
 from arl_fixtures.reconcile.roles import BEARING_SIGNS, FIELD_COLUMNS, HALF_TURN_DEG, PIXEL, Role
-from arl_fixtures.reconcile.turned import per_turn
 from arl_fixtures.reconcile.view import View
 
 NEIGHBOURS = ((1, 0), (-1, 0), (0, 1), (0, -1))
@@ -33,7 +32,7 @@ def features_of(view: View) -> dict[str, FloatArray]:
     own), `~before(X)` (frame taken before over own), `~frame(X)` (mean of the image over own), `~parity(pixel_u)`,
     `~within(time_s)` (since the step's first row), `~play(X)` (from which side a temperature came), `~radius(field)`
     and `~twist(field)` (see `_field`), and `~bearing(azimuth + stage)` (where a pixel looks in the room, in degrees;
-    either sense), `~pixel` (its number), `~per_turn(X)` (see `turned`).
+    either sense), `~pixel` (its number).
     """
     logged = view.columns.numbers  # as read: what a law finds without physics may follow the readings
     found: dict[str, FloatArray] = {name: logged[name][view.rows] for name in view.covariates() if name != "n_frames"}
@@ -77,7 +76,6 @@ def features_of(view: View) -> dict[str, FloatArray]:
     if view.has("pixel_u") and view.has("pixel_v"):
         device = found["dut"] if "dut" in found else np.zeros(view.n)
         found[PIXEL] = (device * _MOST_PIXELS + view.number("pixel_v")) * _MOST_PIXELS + view.number("pixel_u")
-    found |= per_turn(view)
     for name in ("pixel_u", "pixel_v"):
         if view.varies(name):
             found[f"~parity({name})"] = np.mod(view.number(name), 2.0)

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from arl_fixtures.reconcile.effects_encoder import STAGE
 from arl_fixtures.reconcile.law import Axis
 from arl_fixtures.reconcile.law_basis import KNOTS, PRICE_CURVE, PRICE_PRODUCT, Basis, curve_axis, curves_of
 from arl_fixtures.reconcile.law_candidates import shared_price
@@ -12,7 +15,8 @@ from arl_fixtures.reconcile.law_crossed import crossed_of
 from arl_fixtures.reconcile.law_work import Candidate, Work
 from arl_fixtures.reconcile.roles import PER_TURN
 
-ANGLE = "stage_angle_deg"
+LEAST_ROWS = 20
+"""Rows that must show a turn."""
 
 
 def turned_of(
@@ -28,16 +32,16 @@ def turned_of(
         simple: columns to their functions of one coefficient.
     """
     name = f"{PER_TURN}{work.data.channel.name})"
-    if name not in work.features:
+    if name not in work.features or np.count_nonzero(work.features[name]) < LEAST_ROWS:
         return
     slope = Axis(column=name, kind="linear", middle=0.0, width=1.0)
     for column, functions in simple.items():
         if not column.startswith(("~", "sim_")):
             for item in functions:
                 yield replace(item.basis, axes=(*item.basis.axes, slope), price=item.basis.price + PRICE_PRODUCT)
-    if ANGLE in work.features:
-        curve = curve_axis(ANGLE, work.features[ANGLE], KNOTS)
-        for basis in curves_of(curve, PRICE_CURVE + PRICE_PRODUCT + shared_price(work, (ANGLE,))) if curve else ():
+    if STAGE in work.features:
+        curve = curve_axis(STAGE, work.features[STAGE], KNOTS)
+        for basis in curves_of(curve, PRICE_CURVE + PRICE_PRODUCT + shared_price(work, (STAGE,))) if curve else ():
             yield replace(basis, axes=(*basis.axes, slope))
     for basis in crossed_of(work, names, marks, beside=(slope,)):
         yield replace(basis, price=basis.price + PRICE_PRODUCT)

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from arl_fixtures.reconcile.calibrated_units import calibrate_simulation
 from arl_fixtures.reconcile.columns import Channel, Columns, FloatArray, IntArray
 from arl_fixtures.reconcile.diagnosis import Finding
-from arl_fixtures.reconcile.features import features_of
 from arl_fixtures.reconcile.model_file import ModelFile
 from arl_fixtures.reconcile.model_state import corrected_state, laws_of, terms_of
 from arl_fixtures.reconcile.stated import stated_error
 from arl_fixtures.reconcile.table import table_in_batches
 from arl_fixtures.reconcile.terms import forward
+from arl_fixtures.reconcile.turned import features_for
 from arl_fixtures.reconcile.view import View
 
 CHUNK = 250_000
@@ -73,7 +73,7 @@ def _piece(
                 shares[name].append((number, np.abs(whole[name] - without[name])))
     laws = laws_of(model)
     if laws:
-        features = features_of(view)
+        features = features_for(view, laws)
         for law, number in zip(laws, [k + 1 for k, f in enumerate(findings) if f.law is not None], strict=True):
             if law.channel in shares:
                 shares[law.channel].append((number, np.abs(law.correction(features, whole[law.channel]))))

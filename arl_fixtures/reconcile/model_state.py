@@ -14,14 +14,14 @@ from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.derived_rays import derive_rays
 from arl_fixtures.reconcile.effect import Parameter, State, Variant
 from arl_fixtures.reconcile.effects_encoder import STAGE
-from arl_fixtures.reconcile.features import category_id, features_of
+from arl_fixtures.reconcile.features import category_id
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm
 from arl_fixtures.reconcile.model_file import AxisFile, EffectFile, FieldFile, ModelFile, unit_keys
 from arl_fixtures.reconcile.play import play_of
 from arl_fixtures.reconcile.readings import smooth_readings
-from arl_fixtures.reconcile.roles import MADE_OF, PER_TURN, played
+from arl_fixtures.reconcile.roles import MADE_OF, played
 from arl_fixtures.reconcile.terms import Strengths, Term, forward
-from arl_fixtures.reconcile.turned import per_turn
+from arl_fixtures.reconcile.turned import features_for
 from arl_fixtures.reconcile.view import View
 
 
@@ -130,12 +130,12 @@ def corrected_state(model: ModelFile, terms: list[Term], view: View) -> State:
         raise DataError(f"{effects}: needs {error}, which neither model.yaml nor the table has") from None
     laws = [law for law in laws_of(model) if law.channel in state]
     if laws:
-        features = features_of(view)
+        features = features_for(view, laws)
         for law in laws:
             needed = {name for t in law.terms for a in t.axes for name in a.columns} | set(law.binned_names)
             needed |= {c for n in needed & set(MADE_OF) for c in MADE_OF[n]}
             needed |= {played(n) for n in needed if played(n)}
-            needed |= {STAGE for n in needed if n.startswith(PER_TURN)}
+            needed |= {STAGE for t in law.terms if t.turns}
             missing = sorted(n for n in needed if n not in features and not n.startswith("~"))
             constant = {n: _single(view, n) for n in missing if view.has(n)}
             lacking = [n for n in missing if n not in constant]
@@ -146,8 +146,6 @@ def corrected_state(model: ModelFile, terms: list[Term], view: View) -> State:
             for n in (n for n in needed if played(n) and n not in features):
                 # a temperature that never moved has taken up no play
                 constant |= {n: np.zeros(view.n)} | play_of(view, played(n))
-            if any(n.startswith(PER_TURN) and n not in features for n in needed):
-                constant |= per_turn(view, stands=True)
             state[law.channel] = state[law.channel] + law.correction({**features, **constant}, state[law.channel])
     for channel, constants in model.calibration.items():
         if channel in state:

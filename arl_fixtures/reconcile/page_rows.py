@@ -13,10 +13,10 @@ import numpy as np
 from arl_fixtures.reconcile.carried_gains import carry_gains
 from arl_fixtures.reconcile.decide import Decision
 from arl_fixtures.reconcile.effect import State
-from arl_fixtures.reconcile.features import features_of
 from arl_fixtures.reconcile.pilot import TAIL_Z
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.terms import forward
+from arl_fixtures.reconcile.turned import features_for
 
 SHOWN_ROWS = 60_000
 
@@ -52,7 +52,7 @@ def shown_rows(decision: Decision) -> Shown:
     problem = Problem(searched.columns, rows, searched.groups)
     after = forward(decision.terms, problem.view)
     if decision.laws:
-        features = features_of(problem.view)
+        features = features_for(problem.view, decision.laws)
         for law in decision.laws:
             after[law.channel] = after[law.channel] + law.correction(features, after[law.channel])
     _weigh_alike(problem, searched, after)

@@ -14,6 +14,7 @@ from arl_fixtures.reconcile.boosting import Binned, Ceiling, bin_columns, ceilin
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import BoolArray, FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.effects_encoder import STAGE, turned_by
 from arl_fixtures.reconcile.estimated_noise import estimated_error, group_median, noise_quantities
 from arl_fixtures.reconcile.features import features_of
 from arl_fixtures.reconcile.lonely import (
@@ -29,8 +30,9 @@ from arl_fixtures.reconcile.noise import POSE, Level, less_shared
 from arl_fixtures.reconcile.play import turns
 from arl_fixtures.reconcile.pose_scatter import beside_pose
 from arl_fixtures.reconcile.problem import Problem
-from arl_fixtures.reconcile.roles import BEARING_SIGNS, PER_TURN, PIXEL, Role, played
+from arl_fixtures.reconcile.roles import BEARING_SIGNS, PIXEL, Role, played
 from arl_fixtures.reconcile.stated import by_chance
+from arl_fixtures.reconcile.turned import per_turn
 
 MOST_ROWS = 12_000
 TAIL_Z = 2.5
@@ -81,14 +83,16 @@ class Looker:
         self.problem = problem
         self.failed: dict[str, str] = {}
         self.features = features_of(problem.view)
+        looked = [name for name in self.features if name != PIXEL]
+        if turned_by(problem.view) == STAGE:  # what laws may be of, and no look is
+            self.features |= per_turn(problem.view)
         if not (problem.view.varies("azimuth_deg") and problem.view.varies("stage_angle_deg")):
             for name in BEARING_SIGNS:  # the other one of the two says the same
                 self.features.pop(name, None)
         for name in [n for n in self.features if played(n)]:
             if not turns(self.features[name]):
                 del self.features[name]
-        looked = {n: x for n, x in self.features.items() if n != PIXEL and not n.startswith(PER_TURN)}
-        self.binned: Binned = bin_columns(looked)
+        self.binned: Binned = bin_columns({n: self.features[n] for n in looked if n in self.features})
 
     def rows_of(self, data: ChannelData) -> IntArray:
         """Rows of a channel that are looked at: at most `MOST_ROWS`, evenly spread."""

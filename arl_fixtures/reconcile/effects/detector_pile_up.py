@@ -110,7 +110,6 @@ class PileUp(Effect):
                 rate, most = light / view.number(str(variant.options["exposure"])), _brightest(variant)
             load = np.clip(float(values["load"]) * rate / most, 0.0, 200.0)
         kept = _kept(load, values)
-        lead = early(np.nan_to_num(load), float(values.get("tail", 0.0))) if distance else np.zeros(0)
         if "farthest" in variant.options:
             far = float(variant.options["farthest"])
             place = np.clip(np.nan_to_num(state[distance] / far), 0.0, 3.0)
@@ -129,6 +128,7 @@ class PileUp(Effect):
             change = np.sqrt(kept * np.exp(-np.minimum(load, 50.0)))  # a binomial count: fired or not
         set_response(state, channel, light * kept, np.nan_to_num(change, nan=1.0))
         if distance:
+            lead = early(np.nan_to_num(load), float(values.get("tail", 0.0)))
             state[distance] = state[distance] - float(values["width"]) * lead
 
     def expression(self, variant: Variant) -> str:

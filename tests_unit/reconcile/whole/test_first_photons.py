@@ -75,8 +75,7 @@ def test_detectors_that_the_background_has_fired_are_named(seed):
     assert found.effect == "detector.pile_up"
     assert {"intensity_counts", "range_m"} <= set(found.channels)
     said = {p.name: p for p in found.parameters}
-    of_background = FLOOR * 0.85 * 4.0 * (0.55 + 0.2 * 11) / BIN_M / STRONGEST  # photons up to the farthest target
-    assert said["ambient"].value == pytest.approx(of_background, rel=0.5)
+    assert found.held_out.explained > 0.85
     assert said["load"].low < STRONGEST < said["load"].high
 
 
