@@ -13,7 +13,9 @@ import numpy as np
 from arl_fixtures.reconcile.acceptance import LEAST_SCATTER
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.effects_common import is_of, is_of_bench
 from arl_fixtures.reconcile.law import Features, Law
+from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.terms import Term, forward
 from arl_fixtures.reconcile.view import View
 
@@ -37,7 +39,7 @@ def is_back_action(law: Law, features: Features, state: State, terms: Sequence[T
     A node's law holds its plate as it was simulated; a real one gives way, by the ratio of their heat capacities.
     """
     most = _given_back(law.channel, terms, view)
-    return most > 0.0 and _size(law.correction(features, state[law.channel])) < most
+    return most > 0.0 and _peak(law.correction(features, state[law.channel])) < most
 
 
 def without_back_actions(terms: Sequence[Term], view: View) -> tuple[Term, ...]:
@@ -45,9 +47,9 @@ def without_back_actions(terms: Sequence[Term], view: View) -> tuple[Term, ...]:
     kept = []
     for term in terms:
         rest = [t for t in terms if t is not term]
-        channel = term.variant.channels[0]
-        most = _given_back(channel, rest, view) if set(term.variant.channels) == {channel} else 0.0
-        if most == 0.0 or _size(forward(terms, view)[channel] - forward(rest, view)[channel]) >= most:
+        channel, *others = term.variant.channels
+        most = _given_back(channel, rest, view) if not others or _is_plate(channel) else 0.0
+        if most == 0.0 or _peak(forward(terms, view)[channel] - forward(rest, view)[channel]) >= most:
             kept.append(term)
     return tuple(kept)
 
@@ -75,11 +77,28 @@ def read_alike(terms: Sequence[Term], view: View) -> list[Term]:
 
 def _given_back(plate: str, terms: Sequence[Term], view: View) -> float:
     """The most by which a plate answers to terms on what it carries; nil where none acts there."""
-    carried = [t for t in terms if str(t.variant.options.get("plate", "")).removeprefix("sim_") == plate]
+    carried = [t for t in terms if _stands_on(t, plate)]
     if not carried:
         return 0.0
     moved, without = forward(terms, view), forward([t for t in terms if t not in carried], view)
-    return BACK_ACTION * max(_size(moved[name] - without[name]) for t in carried for name in t.variant.channels)
+    return BACK_ACTION * max(_peak(moved[name] - without[name]) for t in carried for name in t.variant.channels)
+
+
+def _stands_on(term: Term, plate: str) -> bool:
+    """Whether a term acts on a node that a plate carries: the term says so, or the node is a device's."""
+    if "plate" in term.variant.options:
+        return str(term.variant.options["plate"]).removeprefix("sim_") == plate
+    node = term.variant.channels[0]
+    return _is_plate(plate) and unit_of(node) == "°C" and not is_of_bench(node)
+
+
+def _is_plate(channel: str) -> bool:
+    return unit_of(channel) == "°C" and is_of(channel, "plate")
+
+
+def _peak(change: FloatArray) -> float:
+    """What answers is late and lasts: it is compared where it is largest."""
+    return float(np.nanmax(np.abs(change)))
 
 
 def _size(change: FloatArray) -> float:

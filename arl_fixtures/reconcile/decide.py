@@ -22,6 +22,7 @@ from arl_fixtures.reconcile.free_constants import constant_z
 from arl_fixtures.reconcile.gate import drop_fallen, drop_needless
 from arl_fixtures.reconcile.held_out import held_out_without, mean_square
 from arl_fixtures.reconcile.law import Law
+from arl_fixtures.reconcile.near_miss import name_near_miss
 from arl_fixtures.reconcile.one_cause import join_readouts
 from arl_fixtures.reconcile.patterns import Pattern
 from arl_fixtures.reconcile.patterns_beside import add_patterns, drop_shadowed, find_smooth
@@ -32,6 +33,7 @@ from arl_fixtures.reconcile.shared_scatter import Scatter
 from arl_fixtures.reconcile.standing import Standing
 from arl_fixtures.reconcile.terms import Term, forward
 from arl_fixtures.reconcile.unit_strengths import with_strengths
+from arl_fixtures.reconcile.wandering import is_slow, without_wanderers
 from arl_fixtures.reconcile.what_is_left import find_laws, find_scatters
 
 LEAST_ENERGY = 1.0
@@ -66,6 +68,10 @@ class Decision:
 
     def run(self) -> tuple[list[Finding], dict[str, ChannelFit]]:
         """All findings, strongest first, and the agreement of each channel."""
+        settled = without_wanderers(self.problem, self.best.terms)
+        if len(settled) < len(self.best.terms):
+            self.keep(settled)
+            self.look()
         add_patterns(self)
         while drop_fallen(self):
             pass  # what stands beside fewer names is asked anew
@@ -80,6 +86,7 @@ class Decision:
                 self.laws = []
                 self.look()
                 find_laws(self)
+        name_near_miss(self)
         find_smooth(self)
         find_scatters(self)
         findings = join_readouts(
@@ -110,7 +117,8 @@ class Decision:
 
     def _is_constant(self, d: ChannelData) -> bool:
         """Whether a channel that no finding moves is off by a constant that no scatter of its steps explains."""
-        return d.calibrated and constant_z(d, self.problem.view.fresh_state()) > CONSTANT_Z
+        untouched = self.problem.view.fresh_state()
+        return d.calibrated and constant_z(d, untouched) > CONSTANT_Z and not is_slow(d, untouched)
 
     # ---- decisions -------------------------------------------------------------------------------------------
 

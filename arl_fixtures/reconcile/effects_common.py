@@ -33,7 +33,10 @@ _DARK = 1e-6
 _SAMPLE = 20_000
 _ROOM_C = 25.0
 _BENCH = ("plate", "coolant", "ambient", "chamber", "oil", "bath", "room", "lab", "hall", "air", "dew", "frost")
-_ELSEWHERE = ("cable", "fibre", "fiber", "target", "panel", "lamp", "tripod", "rail")
+_ELSEWHERE = (
+    "cable", "fibre", "fiber", "target", "panel", "lamp", "tripod", "rail", "granite", "carriage", "motor", "bearing",
+    "encoder", "gas", "water", "liquid", "soil", "ground", "road", "floor", "snow",
+)
 """Parts beside the sensor: what follows their temperatures is not the sensor's."""
 _BEFORE = ("window",)
 """Parts before the sensor: only what asks for them follows their temperature rather than the sensor's."""
@@ -110,13 +113,14 @@ def temperature_drivers(view: View, *first: str, limit: int = 3, never: tuple[st
     """Varying logged temperatures that may drive an effect, preferred ones first.
 
     A preferred one may lack its middle word (`laser_c`) or have another. Temperatures of the bench (plate, coolant,
-    ambient, set-point), and of what hangs on the sensor or stands before it, come in only where no other is left.
+    ambient, set-point), and of what stands before the sensor, come in only where no other is left; those of what the
+    sensor stands on or looks at never do.
     """
     parts = [name.removesuffix("_temperature_c") for name in first]
     alike = [n for part in parts for n in view.temperatures() if is_of(n, part)]
     preferred = dict.fromkeys([*first, *alike])
-    names = [n for n in view.temperatures(*preferred) if not n.startswith(never or ("~",))]
-    near = [n for n in names if not (is_of_bench(n) or is_of(n, *_ELSEWHERE))]
+    names = [n for n in view.temperatures(*preferred) if not (n.startswith(never or ("~",)) or is_of(n, *_ELSEWHERE))]
+    near = [n for n in names if not is_of_bench(n)]
     if first:
         near = [n for n in near if n in preferred or not is_of(n, *_BEFORE)] or near
     return tuple((near or list(names))[:limit])

@@ -33,9 +33,11 @@ _PARTS = {
 
 
 def drives_another_part(term: Term) -> bool:
-    """Whether a temperature that drives an effect is another part's by its name, and not its own's."""
+    """Whether a temperature that drives an effect is another part's by its name, not its own's, or only asked for."""
     own = _PARTS.get(term.effect.id.split(".")[0])
     temperatures = [name for name in term.variant.drivers if unit_of(name) == "°C"]
+    if any(name.startswith("set_") for name in temperatures):
+        return True
     if own is None or any(is_of(name, *own) for name in temperatures):
         return False
     return any(is_of(name, *words) for words in _PARTS.values() for name in temperatures)

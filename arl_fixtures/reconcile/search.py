@@ -335,8 +335,12 @@ class Search:
         threshold = chance.threshold(LEVEL_FURTHER if base.terms else LEVEL_NAME)
         first = chance.threshold(LEVEL_NAME)  # where no name of its kind, of steps or within them, acts yet
         sure = [r for r in ranked if evidence(r, self.surcharge) > (first if r.alone else threshold)]
-        sure = [r for r in sure if not is_misfit(self.full, base, r, self.gains)]
-        return [r for r in sure if not (is_rounding(self.full, base, r) or lacks_essential(r))]
+        return self.nameable(base, sure)
+
+    def nameable(self, base: Fit, ranked: Sequence[Ranked]) -> list[Ranked]:
+        """Those that do not only look like an effect of their own beside the base's terms."""
+        fitting = [r for r in ranked if not is_misfit(self.full, base, r, self.gains)]
+        return [r for r in fitting if not (is_rounding(self.full, base, r) or lacks_essential(r))]
 
     def _rank_of(self, term: Term) -> int:
         """Place of a term's variant among all: effects list their drivers in physical order."""

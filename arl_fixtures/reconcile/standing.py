@@ -19,6 +19,7 @@ from arl_fixtures.reconcile.locate import locate
 from arl_fixtures.reconcile.other_cause import OtherCauses
 from arl_fixtures.reconcile.own_driver import driven_by
 from arl_fixtures.reconcile.rivals import (
+    BEATEN_BY,
     LEAST_Z,
     has_rings,
     is_structure,
@@ -168,7 +169,15 @@ class Standing:
         def needed(others: float) -> float:
             return needed_by_law(named + others, plain, acting, law.drivers, at_edges=edges, is_line=is_line)
 
-        return _Rival(law, chosen, needed) if chosen.z > LEAST_Z and chosen.plain > needed(0.0) else None
+        return _Rival(law, chosen, needed) if is_rival(chosen, needed(0.0)) else None
+
+
+def is_rival(chosen: Chosen, needed: float) -> bool:
+    """Whether a law says something by itself, and clearly more than names do.
+
+    A name that acts elsewhere costs a channel its price: a law of next to nothing says more there.
+    """
+    return chosen.z > LEAST_Z and chosen.plain > max(needed, BEATEN_BY)
 
 
 def _marks_of(chosen: Chosen) -> set[Axis]:

@@ -15,6 +15,7 @@ from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.shared_scatter import Scatter, find_scatter
 from arl_fixtures.reconcile.terms import forward
 from arl_fixtures.reconcile.unit_conditions import law_of_units
+from arl_fixtures.reconcile.wandering import acts_between, is_slow, wanders
 
 if TYPE_CHECKING:
     from arl_fixtures.reconcile.decide import Decision
@@ -47,6 +48,9 @@ def find_laws(decision: Decision) -> None:
                 continue
             if d.channel.role is Role.SCATTER and is_within_noise_law(law, features, state, acted=acted):
                 continue
+            told = {**state, name: state[name] + law.correction(features, state[name])}
+            if wanders(d, state, told) if acts_between(d, state, told) else not law.terms and is_slow(d, state):
+                continue
             if not is_back_action(law, features, state, decision.terms, decision.problem.view):
                 decision.laws.append(law)
 
@@ -66,7 +70,8 @@ def find_scatters(decision: Decision) -> None:
             relative = d.channel.role in {Role.INTENSITY, Role.SCATTER}
             terms = followed_law(decision.problem, d, s.level, decision.final_state(), s.driver)
             law = Law(channel=s.channel, relative=relative, terms=terms, drivers=[s.driver], gain=s.gain)
-            decision.laws.append(law)
+            if s.level != "step" or not is_slow(d, decision.final_state()):  # what wanders follows all that is slow
+                decision.laws.append(law)
 
 
 def _is_jitter(decision: Decision, scatter: Scatter) -> bool:

@@ -52,3 +52,10 @@ def test_they_do_beside_what_happens_there_or_elsewhere_too(monkeypatch, product
 
 def test_a_name_of_that_firmware_alone_does(monkeypatch):
     assert stands(monkeypatch, (STEPS, MARK), (SLOPE, MARK), only="firmware")
+
+
+@pytest.mark.parametrize(("plain", "needed", "beats"), [(1.4, -0.3, False), (9.0, -0.3, True), (9.0, 12.0, False)])
+def test_a_law_of_next_to_nothing_beats_no_name_that_acts_in_another_channel(plain, needed, beats):
+    chosen = Chosen(terms=[])
+    chosen.plain, chosen.z = plain, 2.4
+    assert standing.is_rival(chosen, needed) is beats

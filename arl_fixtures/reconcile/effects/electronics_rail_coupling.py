@@ -23,7 +23,7 @@ from arl_fixtures.reconcile.view import View
 
 _MOST_RAILS = 8
 _PER_VOLT = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
-_LOW_V, _MOST_COUPLING = 24.0, 5.0
+_LOW_V, _MOST_COUPLING = 24.0, 2.5
 """Volts of a supply up to which it is no bias of an avalanche diode, and percent of gain for one of its percents that
 hardly a circuit there has: a laser's driver follows with one or two, what is regulated with less than one."""
 _FEWEST_LEVELS = 6

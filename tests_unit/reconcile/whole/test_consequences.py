@@ -84,3 +84,41 @@ def test_two_thermometers_that_are_off_alike_measure_another_temperature():
     found = diagnose(windy(4, 1e-4), effects=KNOWN)[0].findings
     assert {c for f in found for c in f.channels} == {"housing_temperature_c", "laser_temperature_c"}
     assert {f.effect for f in found} == {"unknown"}
+
+
+def iced(seed, latent):
+    """Three housings on a plate; water in the first one gives and takes `latent` kelvin of its heat at 0 °C."""
+    rng = np.random.default_rng(seed)
+    second = np.arange(10 * 1200)
+    step = second // 1200
+    set_c = np.array([25.0, 12.0, 3.0, -6.0, -16.0, -8.0, 2.0, 10.0, 20.0, 28.0])[step]
+
+    def run(water):
+        plate, heat = np.empty(second.size), np.empty((second.size, 3))
+        plate[0], heat[0] = set_c[0], set_c[0] + np.where(np.arange(3) == 0, water, 0.0)
+        for k in range(1, second.size):
+            wet = np.clip(heat[k - 1], 0.0, None) - np.clip(heat[k - 1] - water, 0.0, None)  # kelvin that are molten
+            seen = heat[k - 1] - np.where(np.arange(3) == 0, wet, 0.0)
+            flow = plate[k - 1] - seen
+            plate[k] = plate[k - 1] + 0.008 * (set_c[k] - plate[k - 1]) - 0.004 * flow.sum()
+            heat[k] = heat[k - 1] + 0.02 * flow
+        wet = np.clip(heat, 0.0, None) - np.clip(heat - water, 0.0, None)
+        return plate, heat - np.where(np.arange(3) == 0, wet, 0.0)
+
+    at = np.arange(15, second.size, 40)
+    simulated, true = run(1e-9), run(latent)
+    rows = []
+    for unit in range(3):
+        row = {"step": step[at], "time_s": second[at], "set_temperature_c": set_c[at]}
+        row |= {"dut": np.full(at.size, f"U{unit}"), "n_frames": np.full(at.size, 10.0)}
+        for name, sim, is_ in zip(("plate", "housing"), simulated, true, strict=True):
+            sim, is_ = (sim[at], is_[at]) if sim.ndim == 1 else (sim[at, unit], is_[at, unit])
+            row[f"sim_{name}_temperature_c"], row[f"sim_{name}_temperature_c_std"] = sim, np.full(at.size, 0.05)
+            row[f"{name}_temperature_c"] = is_ + 0.05 / np.sqrt(10.0) * rng.normal(size=at.size)
+        rows.append(pa.table(row))
+    return columns_of(pa.concat_tables(rows))
+
+
+def test_a_plate_answers_to_ice_in_one_of_the_housings_on_it():
+    (found,) = diagnose(iced(5, 2.0), effects=KNOWN)[0].findings
+    assert (found.effect, found.channels) == ("thermal.latent_heat", ["housing_temperature_c"])

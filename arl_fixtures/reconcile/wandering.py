@@ -1,0 +1,125 @@
+"""Scatter of steps that the table states and that wanders: one day like the day before, told apart from an effect.
+
+A declaration says how much steps differ, not that each differs anew. Where they wander by no more than that, whatever
+is slow follows them: half a year's weather finds its likeness in half a year's drift. A real effect comes on top of
+what is stated; one that is not takes its part from it, and leaves less than was declared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from arl_fixtures.reconcile.channel_data import ChannelData
+from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.noise import IN_STEPS
+from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.step_means import share_between
+from arl_fixtures.reconcile.terms import Term, forward
+from arl_fixtures.reconcile.whitener import Whitener
+
+FEWEST_STEPS = 12
+"""Steps from which their order tells whether they wander."""
+BETWEEN = 0.5
+"""Share of a change that must lie between steps for it to be one of these."""
+LONGEST = 0.995
+"""Largest correlation of a step with the next."""
+WANDERS, BEYOND = 6.0, 12.0
+"""Log-likelihood that a wander must gain over steps that differ anew, which chance gives to one table in a thousand;
+and that a change which was looked for among many must gain beside one."""
+LEAST_LEFT = 0.7
+"""Share of what is stated below which a change has taken its likeness from that."""
+
+
+def without_wanderers(problem: Problem, terms: Sequence[Term]) -> tuple[Term, ...]:
+    """Terms without those that stand only for steps which wander within what the table states."""
+    full = forward(terms, problem.view)
+    rest = [forward([t for t in terms if t is not term], problem.view) for term in terms]
+    gone: set[int] = set()
+    for d in problem.data:
+        slow = [k for k, without in enumerate(rest) if acts_between(d, without, full)]
+        if slow:
+            bare = forward([t for k, t in enumerate(terms) if k not in slow], problem.view)
+            wandering = wanders(d, bare, full)
+            gone |= {k for k in slow if wandering and _acts_mostly(problem, d, rest[k], full)}
+    return tuple(t for k, t in enumerate(terms) if k not in gone)
+
+
+def acts_between(d: ChannelData, before: State, after: State) -> bool:
+    """Whether a change of a channel lies between steps for the most part."""
+    name = d.channel.name
+    return after[name] is not before[name] and share_between(d, after[name] - before[name]) > BETWEEN
+
+
+def is_slow(d: ChannelData, state: State) -> bool:
+    """Whether steps that a table says to scatter are each like the one before."""
+    left = _stated_means(d, state)
+    return left is not None and _at_best(*left) > _likelihood(*left, 0.0) + WANDERS
+
+
+def wanders(d: ChannelData, before: State, after: State) -> bool:
+    """Whether a channel's steps tell less of a change between them than of a wander within what is stated.
+
+    Args:
+        d: the channel.
+        before, after: corrected simulation without the change and with it.
+    """
+    start, end = _stated_means(d, before), _stated_means(d, after)
+    if start is None or end is None:
+        return False
+    wander = _at_best(*start)
+    if wander < max(_likelihood(*start, 0.0) + WANDERS, _likelihood(*end, 0.0)):
+        return False
+    left, noise = end
+    takes_it = float(np.mean(left**2 / (1.0 + noise))) < LEAST_LEFT
+    return takes_it or _at_best(left, noise) < wander + BEYOND
+
+
+def _acts_mostly(problem: Problem, d: ChannelData, before: State, after: State) -> bool:
+    """Whether most of a change is one of this channel, in standard errors."""
+    energy = {}
+    for e in problem.data:
+        name = e.channel.name
+        if after[name] is not before[name]:
+            energy[name] = float(np.sum(e.whiten(e.expect * (after[name] - before[name])[e.use]) ** 2))
+    return energy[d.channel.name] > 0.5 * sum(energy.values())
+
+
+def _stated_means(d: ChannelData, state: State) -> tuple[FloatArray, FloatArray] | None:
+    """Mean of each step in units of what is stated, and its variance by the rows' noise; as steps are numbered.
+
+    None where nothing is stated of what steps share, or they are few.
+    """
+    step = d.level("step")
+    if step is None or not step.declared or step.count < FEWEST_STEPS or d.channel.role is Role.SCATTER:
+        return None
+    inner = tuple(level for level in d.levels if level.name in IN_STEPS)
+    left = d.residual(state)
+    if d.calibrated:
+        left = left - d.scale * d.constants(left)[d.unit]
+    sums, weight = Whitener(d.root_weight, (*inner, step), d.tau).group_sums(left, "step")
+    seen = weight > 0.0
+    return sums[seen] / weight[seen] / step.floor, 1.0 / weight[seen] / step.floor**2
+
+
+def _at_best(mean: FloatArray, noise: FloatArray) -> float:
+    """Log-likelihood of the steps' means with the correlation that is likeliest."""
+    found = minimize_scalar(lambda r: -_likelihood(mean, noise, r), bounds=(0.0, LONGEST), method="bounded")
+    return -float(found.fun)
+
+
+def _likelihood(mean: FloatArray, noise: FloatArray, correlation: float) -> float:
+    """Log-likelihood, less its constant, of means of variance 1 beside their noise, each correlated with the next."""
+    expected, variance, total = 0.0, 1.0, 0.0
+    for seen, own in zip(mean, noise, strict=True):  # the filter of Kalman (J. Basic Eng. 82 (1960) 35)
+        spread = variance + own
+        off = seen - expected
+        total -= 0.5 * (np.log(spread) + off**2 / spread)
+        share = variance / spread
+        expected = correlation * (expected + share * off)
+        variance = correlation**2 * (1.0 - share) * variance + 1.0 - correlation**2
+    return float(total)
