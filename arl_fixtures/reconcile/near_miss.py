@@ -20,7 +20,7 @@ from arl_fixtures.reconcile.what_is_left import find_laws
 if TYPE_CHECKING:
     from arl_fixtures.reconcile.decide import Decision
 
-NEAR = 0.75
+NEAR = 0.9
 """Share of the threshold that is asked of an effect whose channel is known to differ."""
 
 

@@ -56,9 +56,7 @@ from arl_fixtures.reconcile.two_in_place import SECOND_NAME, pairs, sides
 FULL_ROWS = 48_000
 MOST_TERMS = 4
 LEVEL_NAME, LEVEL_FURTHER = 0.95, 0.99
-"""Quantile of chance's best gain that a first name and further ones must exceed. Chance is simulated with white noise
-and free looks; a candidate pays for its shapes and for errors that groups share besides, so that on tables without a
-mismatch it comes to half of the upper quantile at most (benchmarks/concealed, 84 null tables)."""
+"""Quantile of chance's best gain by which a first name and further ones are judged, see `Screening`."""
 
 Progress = Callable[[str, float], None]
 
@@ -149,7 +147,7 @@ class Search:
     def prune(self, best: Fit, chance: Screening | None, certain: Container[str] = ()) -> Fit:
         """Drop, weakest first, what no longer gains a name's share of the threshold (the `certain`: all of it)."""
         while best.terms and chance is not None:
-            threshold = chance.threshold(LEVEL_NAME if len(best.terms) == 1 else LEVEL_FURTHER)
+            threshold = chance.first(LEVEL_NAME) if len(best.terms) == 1 else chance.threshold(LEVEL_FURTHER)
             gains = []
             for index in range(len(best.terms)):
                 rest = tuple(t for k, t in enumerate(best.terms) if k != index)
@@ -289,7 +287,7 @@ class Search:
 
     def ask(self, base: Fit, screening: Screening, chance: Screening) -> Stage:
         """One round: rank the candidates beside a base, and choose what may be named."""
-        threshold = chance.threshold(LEVEL_FURTHER if base.terms else LEVEL_NAME)
+        threshold = chance.threshold(LEVEL_FURTHER) if base.terms else chance.first(LEVEL_NAME)
         ranked = self.rank(base, shortlist([c for c in screening.candidates if not is_repeat(base, c)]))
         sure = self._sure(base, chance, ranked)
         close = [r for r in sure if is_as_good(r, sure[0])]
@@ -332,9 +330,11 @@ class Search:
 
     def _sure(self, base: Fit, chance: Screening, ranked: Sequence[Ranked]) -> list[Ranked]:
         """Those that may be named beside the base's terms."""
-        threshold = chance.threshold(LEVEL_FURTHER if base.terms else LEVEL_NAME)
-        first = chance.threshold(LEVEL_NAME)  # where no name of its kind, of steps or within them, acts yet
-        sure = [r for r in ranked if evidence(r, self.surcharge) > (first if r.alone else threshold)]
+        if not base.terms:
+            least = other = chance.first(LEVEL_NAME)
+        else:  # less where no name of its kind, of steps or within them, acts yet
+            least, other = chance.threshold(LEVEL_FURTHER), chance.threshold(LEVEL_NAME)
+        sure = [r for r in ranked if evidence(r, self.surcharge) > (other if r.alone else least)]
         return self.nameable(base, sure)
 
     def nameable(self, base: Fit, ranked: Sequence[Ranked]) -> list[Ranked]:
