@@ -22,7 +22,7 @@ from arl_fixtures.reconcile.free_constants import constant_z
 from arl_fixtures.reconcile.gate import drop_fallen, drop_needless
 from arl_fixtures.reconcile.held_out import held_out_without, mean_square
 from arl_fixtures.reconcile.law import Law
-from arl_fixtures.reconcile.near_miss import name_near_miss
+from arl_fixtures.reconcile.near_miss import drop_doubtful, name_near_miss
 from arl_fixtures.reconcile.one_cause import join_readouts
 from arl_fixtures.reconcile.patterns import Pattern
 from arl_fixtures.reconcile.patterns_beside import add_patterns, drop_shadowed, find_smooth
@@ -81,7 +81,7 @@ class Decision:
             self.look()
         self._tell_units_apart()
         find_laws(self)
-        for drop in (drop_needless, drop_shadowed):
+        for drop in (drop_doubtful, drop_needless, drop_shadowed):
             if drop(self):
                 self.laws = []
                 self.look()

@@ -1,4 +1,4 @@
-"""An effect that came near to a name, in the place of a law of what it explains.
+"""Names about the threshold: one that came near stands for a law, one that is just beyond does not beside others.
 
 That something is missing in a channel and what it is are two questions. A physics-free look answers the first; where
 it says yes, an effect of the library needs less evidence of its own than one that must answer both.
@@ -14,6 +14,7 @@ from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.own_driver import driven_by
 from arl_fixtures.reconcile.rivals import OF_BEARINGS
 from arl_fixtures.reconcile.roles import told_by
+from arl_fixtures.reconcile.search import LEVEL_NAME
 from arl_fixtures.reconcile.terms import Term
 from arl_fixtures.reconcile.what_is_left import find_laws
 
@@ -42,6 +43,26 @@ def name_near_miss(decision: Decision) -> bool:
     decision.best, decision.laws, decision.after = before
     decision.patterns = []
     return False
+
+
+def drop_doubtful(decision: Decision) -> bool:
+    """Drop a lone name that all free looks of chance could give where its channels hold more than it; tells if so.
+
+    A table without a mismatch is what the first name is measured by: one with a pattern of pixels is none.
+    """
+    stages, chance = decision.found.stages, decision.found.screening
+    if len(decision.best.terms) != 1 or not stages or chance is None:
+        return False
+    term = decision.best.terms[0]
+    others = {c for p in decision.patterns for c in p.term.variant.channels} | {law.channel for law in decision.laws}
+    sure = [
+        evidence(r, decision.search.surcharge) for r in stages[0].ranked
+        if r.fit.terms[-1].effect is term.effect
+    ]  # fmt: skip
+    if not others & set(term.variant.channels) or max(sure, default=0.0) > chance.threshold(LEVEL_NAME):
+        return False
+    decision.keep([])
+    return True
 
 
 def _nearest(decision: Decision) -> Ranked | None:

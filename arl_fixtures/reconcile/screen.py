@@ -49,9 +49,8 @@ LEAST_GAIN = 4.0
 """Log-likelihood that any name must gain."""
 FIRST_SHARE = 0.7
 """Share of what chance gives to free looks that the first name must gain. Chance is simulated with white noise, and a
-candidate pays for its shapes and for errors that groups share besides: on 102 tables without a mismatch (benchmarks/
-concealed and others' suites) 98 came to 0.5 of it at most, one e-th less often for each 0.13 more; three whose rows
-were correlated, which nobody had stated, came to more than all of it."""
+candidate pays for its shapes and for errors that groups share besides: of 102 tables without a mismatch (benchmarks/
+concealed and others' suites) 98 came to 0.5 of it at most, one to 0.58, three to more than all of it."""
 
 
 @dataclass(frozen=True, slots=True)
