@@ -1,4 +1,4 @@
-"""How much the first name of a table must gain: a share of what chance gives, all of it where more is in the table."""
+"""How much the first name of a table must gain: a share of what chance gives, all of it beside what else is there."""
 
 from types import SimpleNamespace
 
