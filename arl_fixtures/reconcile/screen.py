@@ -47,7 +47,7 @@ class Candidate:
 
 LEAST_GAIN = 4.0
 """Log-likelihood that any name must gain."""
-FIRST_SHARE = 0.7
+FIRST_SHARE = 0.8
 """Share of what chance gives to free looks that the first name must gain. Chance is simulated with white noise, and a
 candidate pays for its shapes and for errors that groups share besides: of 102 tables without a mismatch (benchmarks/
 concealed and others' suites) 98 came to 0.5 of it at most, one to 0.58, three to more than all of it."""

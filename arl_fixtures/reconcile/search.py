@@ -47,6 +47,7 @@ from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.ranking import POLISHED, polished, rank
 from arl_fixtures.reconcile.readings import smooth_readings
 from arl_fixtures.reconcile.sampling import draw_rows
+from arl_fixtures.reconcile.scattered import more_than_rows
 from arl_fixtures.reconcile.screen import Candidate, Screening, Surcharge, all_variants, screen
 from arl_fixtures.reconcile.settling import gains_of, in_each_place, settle, shortlist
 from arl_fixtures.reconcile.small_problem import small_part, steps_alike
@@ -127,6 +128,8 @@ class Search:
         self.variants = all_variants(self.small, effects, self.failed)
         self.gains: dict[int, float] = {}
         self.surcharge = Surcharge()
+        untouched = self.full.view.fresh_state()
+        self.shared = any(more_than_rows(d, untouched) for d in self.full.data)
 
     def _open(self, rows: IntArray) -> None:
         """The full problem of some rows, and what is to be explained in it."""
@@ -147,7 +150,7 @@ class Search:
     def prune(self, best: Fit, chance: Screening | None, certain: Container[str] = ()) -> Fit:
         """Drop, weakest first, what no longer gains a name's share of the threshold (the `certain`: all of it)."""
         while best.terms and chance is not None:
-            threshold = chance.first(LEVEL_NAME) if len(best.terms) == 1 else chance.threshold(LEVEL_FURTHER)
+            threshold = self._first(chance) if len(best.terms) == 1 else chance.threshold(LEVEL_FURTHER)
             gains = []
             for index in range(len(best.terms)):
                 rest = tuple(t for k, t in enumerate(best.terms) if k != index)
@@ -287,7 +290,7 @@ class Search:
 
     def ask(self, base: Fit, screening: Screening, chance: Screening) -> Stage:
         """One round: rank the candidates beside a base, and choose what may be named."""
-        threshold = chance.threshold(LEVEL_FURTHER) if base.terms else chance.first(LEVEL_NAME)
+        threshold = chance.threshold(LEVEL_FURTHER) if base.terms else self._first(chance)
         ranked = self.rank(base, shortlist([c for c in screening.candidates if not is_repeat(base, c)]))
         sure = self._sure(base, chance, ranked)
         close = [r for r in sure if is_as_good(r, sure[0])]
@@ -331,11 +334,15 @@ class Search:
     def _sure(self, base: Fit, chance: Screening, ranked: Sequence[Ranked]) -> list[Ranked]:
         """Those that may be named beside the base's terms."""
         if not base.terms:
-            least = other = chance.first(LEVEL_NAME)
+            least = other = self._first(chance)
         else:  # less where no name of its kind, of steps or within them, acts yet
             least, other = chance.threshold(LEVEL_FURTHER), chance.threshold(LEVEL_NAME)
         sure = [r for r in ranked if evidence(r, self.surcharge) > (other if r.alone else least)]
         return self.nameable(base, sure)
+
+    def _first(self, chance: Screening) -> float:
+        """What the first name must gain: all that free looks give where images or angles share what is not stated."""
+        return chance.threshold(LEVEL_NAME) if self.shared else chance.first(LEVEL_NAME)
 
     def nameable(self, base: Fit, ranked: Sequence[Ranked]) -> list[Ranked]:
         """Those that do not only look like an effect of their own beside the base's terms."""
