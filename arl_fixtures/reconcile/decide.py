@@ -33,7 +33,7 @@ from arl_fixtures.reconcile.shared_scatter import Scatter
 from arl_fixtures.reconcile.standing import Standing
 from arl_fixtures.reconcile.terms import Term, forward
 from arl_fixtures.reconcile.unit_strengths import with_strengths
-from arl_fixtures.reconcile.wandering import is_slow, without_wanderers
+from arl_fixtures.reconcile.wandering import drop_wanderers, is_slow
 from arl_fixtures.reconcile.what_is_left import find_laws, find_scatters
 
 LEAST_ENERGY = 1.0
@@ -68,9 +68,7 @@ class Decision:
 
     def run(self) -> tuple[list[Finding], dict[str, ChannelFit]]:
         """All findings, strongest first, and the agreement of each channel."""
-        settled = without_wanderers(self.problem, self.best.terms)
-        if len(settled) < len(self.best.terms):
-            self.keep(settled)
+        if drop_wanderers(self):
             self.look()
         add_patterns(self)
         while drop_fallen(self):

@@ -7,7 +7,7 @@ what is stated; one that is not takes its part from it, and leaves less than was
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -15,12 +15,15 @@ from scipy.optimize import minimize_scalar
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.law import Features, Law
 from arl_fixtures.reconcile.noise import IN_STEPS
-from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.step_means import share_between
 from arl_fixtures.reconcile.terms import Term, forward
 from arl_fixtures.reconcile.whitener import Whitener
+
+if TYPE_CHECKING:
+    from arl_fixtures.reconcile.decide import Decision
 
 FEWEST_STEPS = 12
 """Steps from which their order tells whether they wander."""
@@ -35,18 +38,29 @@ LEAST_LEFT = 0.7
 """Share of what is stated below which a change has taken its likeness from that."""
 
 
-def without_wanderers(problem: Problem, terms: Sequence[Term]) -> tuple[Term, ...]:
-    """Terms without those that stand only for steps which wander within what the table states."""
-    full = forward(terms, problem.view)
-    rest = [forward([t for t in terms if t is not term], problem.view) for term in terms]
+def drop_wanderers(decision: Decision) -> bool:
+    """Drop the names that stand only for steps which wander within what the table states; tells whether any fell."""
+    view, terms = decision.problem.view, decision.best.terms
+    full = forward(terms, view)
+    rest = [forward([t for t in terms if t is not term], view) for term in terms]
     gone: set[int] = set()
-    for d in problem.data:
+    for d in decision.problem.data:
         slow = [k for k, without in enumerate(rest) if acts_between(d, without, full)]
-        if slow:
-            bare = forward([t for k, t in enumerate(terms) if k not in slow], problem.view)
-            wandering = wanders(d, bare, full)
-            gone |= {k for k in slow if wandering and _acts_mostly(problem, d, rest[k], full)}
-    return tuple(t for k, t in enumerate(terms) if k not in gone)
+        if slow and wanders(d, forward([t for k, t in enumerate(terms) if k not in slow], view), full):
+            gone |= {k for k in slow if _acts_mostly(decision, terms[k], d)}
+    if not gone:
+        return False
+    decision.keep([t for k, t in enumerate(terms) if k not in gone])
+    return True
+
+
+def is_wander(d: ChannelData, state: State, law: Law, features: Features) -> bool:
+    """Whether a law of a channel stands only for such steps; one without terms where they are slow at all."""
+    name = d.channel.name
+    told = {**state, name: state[name] + law.correction(features, state[name])}
+    if acts_between(d, state, told):
+        return wanders(d, state, told)
+    return not law.terms and is_slow(d, state)
 
 
 def acts_between(d: ChannelData, before: State, after: State) -> bool:
@@ -79,14 +93,10 @@ def wanders(d: ChannelData, before: State, after: State) -> bool:
     return takes_it or _at_best(left, noise) < wander + BEYOND
 
 
-def _acts_mostly(problem: Problem, d: ChannelData, before: State, after: State) -> bool:
-    """Whether most of a change is one of this channel, in standard errors."""
-    energy = {}
-    for e in problem.data:
-        name = e.channel.name
-        if after[name] is not before[name]:
-            energy[name] = float(np.sum(e.whiten(e.expect * (after[name] - before[name])[e.use]) ** 2))
-    return energy[d.channel.name] > 0.5 * sum(energy.values())
+def _acts_mostly(decision: Decision, term: Term, d: ChannelData) -> bool:
+    """Whether most of what a name changes is in one channel, in standard errors."""
+    energy = decision.energy(term)
+    return energy.get(d.channel.name, 0.0) > 0.5 * sum(energy.values())
 
 
 def _stated_means(d: ChannelData, state: State) -> tuple[FloatArray, FloatArray] | None:

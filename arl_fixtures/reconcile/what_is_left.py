@@ -15,7 +15,7 @@ from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.shared_scatter import Scatter, find_scatter
 from arl_fixtures.reconcile.terms import forward
 from arl_fixtures.reconcile.unit_conditions import law_of_units
-from arl_fixtures.reconcile.wandering import acts_between, is_slow, wanders
+from arl_fixtures.reconcile.wandering import is_slow, is_wander
 
 if TYPE_CHECKING:
     from arl_fixtures.reconcile.decide import Decision
@@ -48,8 +48,7 @@ def find_laws(decision: Decision) -> None:
                 continue
             if d.channel.role is Role.SCATTER and is_within_noise_law(law, features, state, acted=acted):
                 continue
-            told = {**state, name: state[name] + law.correction(features, state[name])}
-            if wanders(d, state, told) if acts_between(d, state, told) else not law.terms and is_slow(d, state):
+            if is_wander(d, state, law, features):
                 continue
             if not is_back_action(law, features, state, decision.terms, decision.problem.view):
                 decision.laws.append(law)
@@ -67,11 +66,13 @@ def find_scatters(decision: Decision) -> None:
     for s in scatters:
         if s.driver and s.channel not in acted | {law.channel for law in decision.laws}:
             d = next(d for d in decision.problem.data if d.channel.name == s.channel)
+            state = decision.final_state()
+            if s.level == "step" and is_slow(d, state):
+                continue  # what wanders follows all that is slow
             relative = d.channel.role in {Role.INTENSITY, Role.SCATTER}
-            terms = followed_law(decision.problem, d, s.level, decision.final_state(), s.driver)
+            terms = followed_law(decision.problem, d, s.level, state, s.driver)
             law = Law(channel=s.channel, relative=relative, terms=terms, drivers=[s.driver], gain=s.gain)
-            if s.level != "step" or not is_slow(d, decision.final_state()):  # what wanders follows all that is slow
-                decision.laws.append(law)
+            decision.laws.append(law)
 
 
 def _is_jitter(decision: Decision, scatter: Scatter) -> bool:
