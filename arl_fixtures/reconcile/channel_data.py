@@ -14,8 +14,8 @@ from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.mixed_model import UnitConstants
 from arl_fixtures.reconcile.noise import (
     NESTED,
+    OF_THEIR_OWN,
     PARTS_OF_STEPS,
-    POSE,
     Level,
     beside_steps,
     fit_tau,
@@ -179,7 +179,7 @@ class ChannelData:
         """Let gains and what groups share be parts of other values: of two kinds, they would differ by any curve."""
         self.scale = scale
         self.levels = tuple(
-            level if level.declared or level.amount or level.name in {"unit", POSE} else replace(level, scale=scale)
+            level if level.declared or level.amount or level.name in OF_THEIR_OWN else replace(level, scale=scale)
             for level in self.levels
         )
 

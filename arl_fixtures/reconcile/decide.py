@@ -29,6 +29,7 @@ from arl_fixtures.reconcile.patterns_beside import add_patterns, drop_shadowed, 
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.rivals import is_structure
 from arl_fixtures.reconcile.search import Found, Search
+from arl_fixtures.reconcile.shared_name import share_names
 from arl_fixtures.reconcile.shared_scatter import Scatter
 from arl_fixtures.reconcile.standing import Standing
 from arl_fixtures.reconcile.terms import Term, forward
@@ -87,8 +88,11 @@ class Decision:
         name_near_miss(self)
         find_smooth(self)
         find_scatters(self)
+        named = self._named()
+        if share_names(self, named):
+            named = self._named()
         findings = join_readouts(
-            [named_finding(self, index) for index in range(len(self.best.terms))],
+            named,
             lambda some, channels: held_out_without(
                 self, [t for f in some for t in f.terms], channels, sum(f.strength for f in some)
             ),
@@ -105,6 +109,9 @@ class Decision:
         if not findings:  # beside others, calibration is no finding
             findings = [line_finding(self, d) for d in self.problem.data if d.channel.name in self.search.lines]
         return ordered(findings, names), self._fits()
+
+    def _named(self) -> list[Finding]:
+        return [named_finding(self, index) for index in range(len(self.best.terms))]
 
     def _tell_units_apart(self) -> None:
         """Let units that are not alike have the names in strengths of their own."""

@@ -16,7 +16,7 @@ from scipy.optimize import nnls
 
 from arl_fixtures.reconcile.effect import Effect, Parameter, State, Values, Variant
 from arl_fixtures.reconcile.pixel_calibration import is_calibrated_by_pixel
-from arl_fixtures.reconcile.roles import Role, per_metre, suffix, unit_of
+from arl_fixtures.reconcile.roles import Role, is_other_light, per_metre, suffix, unit_of
 from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]
@@ -95,6 +95,15 @@ def per_view(view: View, key: object, make: Callable[[], Cached]) -> Cached:
 def signals(view: View) -> tuple[str, ...]:
     """Names of the intensity channels, three at most."""
     return tuple(channel.name for channel in view.channels(Role.INTENSITY))[:3]
+
+
+def lit_signals(view: View) -> tuple[str, ...]:
+    """Signals that see the laser's light, three at most; all of them where their names say that none does.
+
+    What the laser, its beam or a narrow passband about its line do, sunlight and dark frames do not show.
+    """
+    lit = tuple(c.name for c in view.channels(Role.INTENSITY) if not is_other_light(c.name))
+    return lit[:3] or signals(view)
 
 
 def distances(view: View) -> tuple[str, ...]:

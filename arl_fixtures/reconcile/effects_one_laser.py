@@ -10,8 +10,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from arl_fixtures.reconcile.effect import Effect, State, Values, Variant
-from arl_fixtures.reconcile.effects_common import light_channels, signals
-from arl_fixtures.reconcile.roles import is_other_light
+from arl_fixtures.reconcile.effects_common import light_channels, lit_signals
 from arl_fixtures.reconcile.view import View
 
 _APART = " + "
@@ -24,7 +23,7 @@ def with_all_readouts(variants: Iterable[Variant], view: View) -> Iterable[Varia
         variants: with the option `channel`.
         view: rows under work.
     """
-    lit = [name for name in signals(view) if not is_other_light(name)]
+    lit = lit_signals(view)
     for variant in variants:
         yield variant
         if len(lit) > 1 and variant.options.get("channel") == lit[0]:

@@ -19,6 +19,8 @@ from arl_fixtures.reconcile.view import View
 MOST_BINS, LEAST_ROWS, LEAST_GROUP = 12, 25, 4
 LEAST_GAIN, GAIN_BIN = 6.0, 2.0
 """Log-likelihood that a shape must gain, and for each of its bins: the scatter of few rows is uncertain itself."""
+WIDE = float(np.log(2.0))
+"""Logarithm of the widest range of a quantity for one bin, where there are rows enough to cut it."""
 LEAST_SHARE = 1e-9
 NORMAL = 1.4826
 """Standard deviation of a normal variable over its median absolute deviation."""
@@ -89,7 +91,8 @@ def _shape_over(values: FloatArray, left: FloatArray) -> tuple[float, FloatArray
     bins = min(MOST_BINS, int(known.sum()) // LEAST_ROWS)
     if bins < 2:
         return 0.0, flat
-    cuts = np.unique(np.quantile(values[known], np.linspace(0.0, 1.0, bins + 1)[1:-1]))
+    place = _places(values, known)
+    cuts = _cuts(values[known], place[known], bins, WIDE if np.all(values[known] >= 0.0) else np.inf)
     code = np.searchsorted(cuts, np.where(known, values, np.median(values[known])), side="right")
     present, count = np.unique(code, return_counts=True)
     if len(present) < 2:
@@ -99,10 +102,27 @@ def _shape_over(values: FloatArray, left: FloatArray) -> tuple[float, FloatArray
         return 0.0, flat
     size, means = np.abs(left), np.array([np.mean(np.abs(left[code == k])) for k in present])
     gain = float(count @ np.log(np.mean(size) / means)) - LEAST_GAIN - GAIN_BIN * len(present)
-    place = _places(values, known)
     middle = np.array([np.median(place[known & (code == k)]) for k in present])
     shape = np.exp(np.interp(np.where(known, place, middle[0]), middle, np.log(sizes / _spread(left))))
     return gain, np.where(known, shape, 1.0)
+
+
+def _cuts(values: FloatArray, place: FloatArray, bins: int, widest: float) -> FloatArray:
+    """Where bins of as many rows end; one that spans too much is cut as long as its parts have rows enough.
+
+    The few brightest rows of a scene span a wide range of signals, and a noise grows all over it.
+    """
+    order = np.argsort(values, kind="stable")
+    edges = [int(x) for x in np.linspace(0, len(values), bins + 1)]
+    k = 0
+    while k + 1 < len(edges):
+        low, high = edges[k], edges[k + 1]
+        wide = place[order[high - 1]] - place[order[low]] > widest
+        if wide and high - low >= 2 * LEAST_ROWS:
+            edges.insert(k + 1, (low + high) // 2)
+        else:
+            k += 1
+    return np.unique(values[order[edges[1:-1]]])
 
 
 def _places(values: FloatArray, known: NDArray[np.bool_]) -> FloatArray:

@@ -30,8 +30,8 @@ class Level:
     """One grouping of a channel's rows.
 
     Attributes:
-        name: `pixel`, `angle`, `pose`, `frame`, `stretch`, `spell`, `step`, or `unit` for the zeros of calibrated
-            signals.
+        name: `pixel`, `angle`, `patch`, `pose`, `frame`, `stretch`, `spell`, `step`, or `unit` for the zeros of
+            calibrated signals.
         code: group of each row, 0…count−1.
         count: number of groups.
         scale: shape of the shared error on each row: τ·scale is its standard deviation.
@@ -127,9 +127,13 @@ CROSSED = ("pixel", "angle")
 """Levels whose groups each hold rows of many steps."""
 POSE = "pose"
 """Level of how each image stands: its groups are those of `frame`, its shape is of both signs within each."""
+PATCH = "patch"
+"""Level of neighbouring pixels of an image, which share its noise."""
+OF_THEIR_OWN = ("unit", PATCH, POSE)
+"""Levels whose shape is no part of what is corrected."""
 IN_STEPS = ("frame", "stretch", "spell")
 """Groups that lie within steps: images, or few and many rows that follow one another in time."""
-PARTS_OF_STEPS = (POSE, *IN_STEPS)
+PARTS_OF_STEPS = (PATCH, POSE, *IN_STEPS)
 """Levels of such groups."""
 NESTED = (*PARTS_OF_STEPS, "step")
 """Levels of which the groups of the one lie within those of the next."""

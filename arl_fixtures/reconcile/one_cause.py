@@ -35,11 +35,11 @@ def _is_same_cause(one: Finding, other: Finding) -> bool:
     return (
         one.term.unit == other.term.unit
         and not set(one.channels) & set(other.channels)
-        and _conditions(one) == _conditions(other)
+        and conditions(one) == conditions(other)
     )
 
 
-def _conditions(finding: Finding) -> set[str]:
+def conditions(finding: Finding) -> set[str]:
     """Drivers other than the channels' own simulation."""
     return set(finding.drivers) - {f"sim_{name}" for name in finding.channels} - set(finding.channels)
 

@@ -12,6 +12,7 @@ from arl_fixtures.reconcile.columns import Channel, Columns, FloatArray, IntArra
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.estimated_noise import estimated_error, noise_quantities
 from arl_fixtures.reconcile.grouping import Groups, find_groups, folds_of
+from arl_fixtures.reconcile.neighbour_noise import add_patches
 from arl_fixtures.reconcile.noise import CROSSED, IN_STEPS, Level, level_of, scale_of, unnoticed
 from arl_fixtures.reconcile.pose_scatter import add_pose
 from arl_fixtures.reconcile.roles import Role
@@ -92,6 +93,10 @@ class Problem:
             data.stated = estimated_error(data.residual(view.sim), frames, quantities, step, scale)
             data.rebuild({})
         add_pose(data, view, groups.frame)
+        if groups.pixel is not None:
+            image = groups.frame if groups.frame is not None else groups.step
+            seen = (*groups.unit_columns, "pixel_u", "pixel_v", "stage_angle_deg")
+            add_patches(data, view, image, self.columns.group(*seen))
         return data
 
     @property

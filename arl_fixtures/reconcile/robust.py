@@ -99,8 +99,9 @@ def _hits_few_places(problem: Problem, found: Fit, first: int, change: FloatArra
     if _share_of_places(places * len(problem.data) + channel, change) < OF_PLACES:
         return False
     # what noise makes of the gains of places (a scatter of twice the change) is no sign of few
-    noise = 4.0 * float(change @ change)
-    return _places_won(_gain_of_places(places, change, left), noise) < shapes + SPARE_FIXED
+    noise, gain = 4.0 * float(change @ change), _gain_of_places(places, change, left)
+    # a place in bright light says much more than the others, and those may still say it, each by itself
+    return _places_won(gain, noise) < shapes + SPARE_FIXED and not _others_gain(gain, shapes + int(SPARE_FIXED))
 
 
 def _gain_of_places(place: IntArray, change: FloatArray, left: FloatArray) -> FloatArray:

@@ -15,11 +15,11 @@ from arl_fixtures.reconcile.effects_common import (
     amplitude,
     excess,
     light_channels,
+    lit_signals,
     percent,
     reference,
     rounded,
     shape,
-    signals,
     span,
     temperature_drivers,
 )
@@ -57,7 +57,7 @@ class ProfileChange(LightFactor):
         temperatures = temperature_drivers(view, "laser_temperature_c", "housing_temperature_c", limit=1)
         field = Field(field_options(view))
         axes = field.varying(view)
-        for channel in signals(view):
+        for channel in lit_signals(view):
             profile = field.profile(view, channel)
             if profile is None:
                 continue

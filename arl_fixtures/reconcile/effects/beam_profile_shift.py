@@ -15,10 +15,10 @@ from arl_fixtures.reconcile.effects_common import (
     amplitude,
     excess,
     light_channels,
+    lit_signals,
     percent,
     reference,
     shape,
-    signals,
     span,
     temperature_drivers,
     unit_per,
@@ -49,7 +49,7 @@ class ProfileShift(LightFactor):
         options = field_options(view)
         field = Field(options)
         axes = field.varying(view)
-        for channel in signals(view):
+        for channel in lit_signals(view):
             if field.profile(view, channel) is None:
                 continue
             temperatures = temperature_drivers(view, "laser_temperature_c", "housing_temperature_c", limit=2)

@@ -66,11 +66,12 @@ class PileUp(Effect):
                 size = per_metre(unit_of(moved[0]))
                 widths.append(shape("width", unit_of(moved[0]), 0.005 * size, 2.0 * size, 0.05 * size))
             tails = [shape("tail", "1", 0.0, 1.0, 0.5)] if moved else []
+            lean = [("pulse", "", widths)] if moved else []  # a pulse without a tail: one number less to earn
             recovery = shape("paralysis", "1", 0.0, 1.0, 0.0, 0.8)
             spent = exposure_column(view)
             window = window_parameters(moved[0]) if floor and moved else []
             for kind, exposure, further in (
-                ("dead time", "", [recovery, *widths]), ("pulse", "", [*widths, *tails]),
+                ("dead time", "", [recovery, *widths]), ("pulse", "", [*widths, *tails]), *lean,
                 *([("background", "", [*widths, *tails])] if background else []),
                 *([("dead time", spent, [recovery, *widths]), ("pulse", spent, [*widths, *tails])] if spent else []),
                 *([("pulse", "", [])] if moved and counts_photons(view, channel) else []),
@@ -91,6 +92,7 @@ class PileUp(Effect):
                         "distance": pulled[0] if pulled else "",
                         "top": rounded(top_signal(view, channel)),
                         "kind": kind,
+                        **({"tail": 0.0} if further is widths else {}),
                         **({"exposure": exposure, "brightest_rate": _top_rate(view, channel, exposure)}
                            if exposure else {}),
                         **behind,
@@ -147,7 +149,8 @@ class PileUp(Effect):
             )
         elif "background" in variant.options:
             text += f", times exp(-blocked * {variant.options['background']} / {variant.options['brightest']})"
-        return f"{text}; {distance} -= width * early(x, tail)" if distance else text
+        tail = variant.options.get("tail", "tail")
+        return f"{text}; {distance} -= width * early(x, {tail})" if distance else text
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Loss of counts and pull at the strongest signal."""

@@ -15,11 +15,11 @@ from arl_fixtures.reconcile.effects_common import (
     LightFactor,
     amplitude,
     light_channels,
+    lit_signals,
     per_view,
     rounded,
     set_light,
     shape,
-    signals,
     temperature_drivers,
 )
 from arl_fixtures.reconcile.effects_history import History, history, on_rows, time_column
@@ -56,7 +56,7 @@ class PowerDecay(LightFactor):
     def _variants(self, view: View) -> Iterable[Variant]:
         columns = age_drivers(view)
         warm = temperature_drivers(view, "laser_temperature_c", "housing_temperature_c", limit=2)
-        for channel in signals(view):
+        for channel in lit_signals(view):
             currents = driving_currents(view, channel)
             for column in columns:
                 plain: dict[str, Option] = {"channel": channel, "age": column, "temperature": ""}

@@ -9,9 +9,9 @@ import numpy as np
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_common import (
     amplitude,
+    lit_signals,
     rounded,
     shape,
-    signals,
     temperature_drivers,
 )
 from arl_fixtures.reconcile.roles import counts_visits, unit_of
@@ -39,7 +39,7 @@ class PulseEnergyJitter(Effect):
     def variants(self, view: View) -> Iterable[Variant]:
         """One per intensity whose scatter was measured, or of which every frame is told apart."""
         known = {channel.name for channel in view.columns.channels}
-        for channel in signals(view):
+        for channel in lit_signals(view):
             if f"{channel}_std" in known:
                 yield Variant(
                     effect=self.id,

@@ -13,12 +13,12 @@ from arl_fixtures.reconcile.effects_common import (
     amplitude,
     excess,
     light_channels,
+    lit_signals,
     percent,
     reference,
     rounded,
     set_light,
     shape,
-    signals,
     temperature_drivers,
 )
 from arl_fixtures.reconcile.effects_light_current import driving_currents, shifted
@@ -58,7 +58,7 @@ class ThermalRolloff(LightFactor):
 
     def _variants(self, view: View) -> Iterable[Variant]:
         columns = temperature_drivers(view, "laser_temperature_c", "heatsink_temperature_c", "housing_temperature_c")
-        for channel in signals(view):
+        for channel in lit_signals(view):
             currents = driving_currents(view, channel)
             for current in currents[:1]:
                 yield self._by_own_heat(view, channel, current, columns[0] if columns else "")

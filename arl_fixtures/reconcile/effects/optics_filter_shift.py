@@ -15,11 +15,11 @@ from arl_fixtures.reconcile.effects_common import (
     excess,
     is_of,
     light_channels,
+    lit_signals,
     per_view,
     percent,
     reference,
     shape,
-    signals,
     span,
     temperature_drivers,
 )
@@ -29,7 +29,10 @@ from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
 USUAL_INDEX = 1.9
-"""Effective index of a filter's layers where a table cannot tell it: usual is 1.5 to 2.3."""
+"""Effective index of a filter's layers, usual is 1.5 to 2.3: beside a free tilt it changes the loss at 30° by a 50th
+of itself, which no table tells."""
+USUAL_CAVITIES = 2.0
+"""Cavities of a filter of which a table shows no more than how a loss begins: slope and bend of any flank."""
 USUAL_REACH = 0.6
 """Tangent of the field angle in the image's corner where no rays are known: a tilt takes up what it is wrong by."""
 
@@ -70,11 +73,11 @@ class FilterShift(LightFactor):
         if not (field_rays(view) or "laser_temperature_c" in columns):
             return
         reach = _reach(view, field_rays(view)) if field_rays(view) else 1.0
-        for channel in signals(view):
-            kinds = [(column, False) for column in columns]
+        for channel in lit_signals(view):
+            kinds = [(column, False, False) for column in columns]
             if field_rays(view):
-                kinds += [("", False), *((column, True) for column in columns[:1])]
-            for column, simulated in kinds:
+                kinds += [("", False, False), ("", False, True), *((column, True, False) for column in columns[:1])]
+            for column, simulated, usual in kinds:
                 parameters: list[Parameter] = []
                 if simulated:
                     parameters.append(self._drift(view, column))
@@ -89,10 +92,8 @@ class FilterShift(LightFactor):
                     parameters.append(self._drift(view, column))
                 parameters += [
                     shape("offset", "half-widths", -1.5, 1.5, -0.5, 0.3) if column else _OFFSET,
-                    _CAVITIES,
+                    *(() if usual else (_CAVITIES,)),
                 ]  # fmt: skip
-                if field_rays(view):
-                    parameters.append(shape("index", "1", 1.4, 2.4, 1.9))
                 rays = field_rays(view)
                 yield Variant(
                     effect=self.id,
@@ -101,6 +102,7 @@ class FilterShift(LightFactor):
                         "temperature": column,
                         "reference": reference(view, column) if column else 0.0,
                         **({"simulated": True} if simulated else {}),
+                        **({"cavities": USUAL_CAVITIES} if usual else {}),
                     },
                     parameters=tuple(parameters),
                     channels=light_channels(view, channel),
@@ -109,7 +111,7 @@ class FilterShift(LightFactor):
 
     def _by_pixels(self, view: View, columns: Sequence[str]) -> Iterable[Variant]:
         """The same where no rays are known: with the angle alone, and with a temperature."""
-        for channel in signals(view):
+        for channel in lit_signals(view):
             for column in ("", *columns):
                 drift = (shape("line_drift", "1/K", -_MOST_DRIFT, _MOST_DRIFT, 2.7e-4, 2e-5),) if column else ()
                 yield Variant(
@@ -131,7 +133,7 @@ class FilterShift(LightFactor):
     def _by_its_tilt(self, view: View, columns: Sequence[str]) -> Iterable[Variant]:
         """The same of a filter that is turned in a beam: with its angle alone, and with a temperature."""
         turned = [n for n in view.covariates() if is_of(n, "filter") and unit_of(n) == "deg" and view.varies(n)]
-        for name, channel, column in itertools.product(turned[:1], signals(view), ("", *columns)):
+        for name, channel, column in itertools.product(turned[:1], lit_signals(view), ("", *columns)):
             reach = _reach(view, (name,))
             yield Variant(
                 effect=self.id,
@@ -156,7 +158,8 @@ class FilterShift(LightFactor):
 
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Transmission against that on the axis at the reference temperature."""
-        offset, power = float(values["offset"]), 2.0 * float(values["cavities"])
+        offset = float(values["offset"])
+        power = 2.0 * float(values["cavities"] if "cavities" in values else variant.options["cavities"])
         place = np.full(view.n, offset)
         if "tilt" in values:
             if "reach" in variant.options:
@@ -166,8 +169,7 @@ class FilterShift(LightFactor):
                 square = np.sin(np.radians(view.number(str(variant.options["turned"])))) ** 2
             else:
                 square = per_view(view, "field sine square", lambda: _sine_square(view))
-            index = float(values.get("index", USUAL_INDEX))
-            place = place + float(values["tilt"]) * (1.0 - np.sqrt(1.0 - square / index**2))
+            place = place + float(values["tilt"]) * (1.0 - np.sqrt(1.0 - square / USUAL_INDEX**2))
         known = place if variant.options.get("simulated") else np.full(view.n, offset)
         column = str(variant.options["temperature"])
         if column:
@@ -190,7 +192,7 @@ class FilterShift(LightFactor):
         elif "turned" in variant.options:
             terms += f" + tilt * (1 - sqrt(1 - sin({variant.options['turned']})^2 / {USUAL_INDEX:g}^2))"
         elif any(parameter.name == "tilt" for parameter in variant.parameters):
-            terms += " + tilt * (1 - sqrt(1 - sin(field angle)^2 / index^2))"
+            terms += f" + tilt * (1 - sqrt(1 - sin(field angle)^2 / {USUAL_INDEX:g}^2))"
         angle = terms
         if column:
             named = {parameter.name for parameter in variant.parameters}
@@ -199,7 +201,8 @@ class FilterShift(LightFactor):
         known = "offset"
         if variant.options.get("simulated"):
             known, terms = "x", f"x{terms[len(angle) :]}, x = {angle}"
-        return f"{channel} *= T(y) / T({known}), T = 1 / (1 + |y|^(2 cavities)), y = {terms}"
+        order = f"{2.0 * float(variant.options['cavities']):g}" if "cavities" in variant.options else "(2 cavities)"
+        return f"{channel} *= T(y) / T({known}), T = 1 / (1 + |y|^{order}), y = {terms}"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Change of the signal over field and temperature."""

@@ -21,6 +21,7 @@ from arl_fixtures.reconcile.effects_common import (
 )
 from arl_fixtures.reconcile.effects_history import History, history, low_pass, on_rows, reservoir, settles_at
 from arl_fixtures.reconcile.effects_illumination import field_cosine
+from arl_fixtures.reconcile.effects_moist_air import dew_points, moistures, vapour_hpa
 from arl_fixtures.reconcile.view import View
 
 
@@ -32,7 +33,8 @@ class WindowFrost(LightFactor):
 
     * balance: dF/dt = e(onset) − e(T), e the vapour pressure: grows in proportion to the supersaturation below the
       dew or frost point `onset`, goes in proportion to the deficit above, `melt` times as fast; F ≥ 0.
-    * dew point (where one is logged): the balance with e(dew point + margin) for e(onset), moist air as it came.
+    * dew point (where one is logged, or a relative humidity): the balance with e(dew point + margin) for e(onset),
+      moist air as it came.
     * Where a bench soaks, T steps early on its way between two steps' rows; else it goes in a straight line.
     * covered: of a film of small crystals the share of the window that they cover counts, 1 − exp(−F / full): more
       ice on a white window takes no more light, and a thick film shows for long after it has begun to go.
@@ -93,22 +95,23 @@ class WindowFrost(LightFactor):
                 )
 
     def _from_moist_air(self, view: View, options: dict[str, Option]) -> Iterable[Variant]:
-        for dew in [n for n in view.covariates("_c") if "dew_point" in n or "frost_point" in n][:1]:
-            record, moist = _record(view, options), history(view, dew)
-            if record is None or moist is None:
+        for air in moistures(view):
+            record, dew = _record(view, options), dew_points(view, air)
+            if record is None or dew is None:
                 continue
-            most = float(_film(record, moist.values, 1.0).max())
+            most = float(_film(record, dew, 1.0).max())
             if most > 0.0:
                 margin, melt = shape("margin", "K", -8.0, 8.0, 0.0, 4.0), shape("melt", "1", 0.02, 50.0, 1.0)
-                told: dict[str, Option] = {**options, "kind": "dew point", "dew": dew}
                 depths = _depths(f"1/({_film_unit(record)})", most)
-                yield self._variant(view, told, (*depths, margin, melt, *_soak(record)))
+                yield self._variant(
+                    view, {**options, "kind": "dew point", **air}, (*depths, margin, melt, *_soak(record))
+                )
 
     def _variant(self, view: View, options: dict[str, Option], parameters: tuple[Parameter, ...]) -> Variant:
         column, channel = str(options["temperature"]), str(options["channel"])
         drivers = [
             name
-            for name in (column, str(options.get("dew", "ramp")), "elevation_deg", "pixel_v")
+            for name in (column, str(options.get("humidity", options.get("dew", "ramp"))), "elevation_deg", "pixel_v")
             if name == column or view.varies(name)
         ]
         return Variant(
@@ -124,9 +127,9 @@ class WindowFrost(LightFactor):
         column = str(variant.options["temperature"])
         onset, before = float(values.get("onset", 0.0)), float(values.get("before", 0.0))
         record = _record(view, variant.options)
-        moist = history(view, str(variant.options["dew"])) if "dew" in variant.options else None
-        if record is not None and moist is not None:
-            film = on_rows(view, _film(record, moist.values + float(values["margin"]), float(values["melt"]), before))
+        dew = dew_points(view, variant.options)
+        if record is not None and dew is not None:
+            film = on_rows(view, _film(record, dew + float(values["margin"]), float(values["melt"]), before))
         elif record is None:
             film = np.nan_to_num(np.maximum(onset - view.number(column), 0.0))
         elif variant.options["kind"] == "balance":
@@ -155,7 +158,10 @@ class WindowFrost(LightFactor):
         """The law."""
         channel, column = variant.options["channel"], variant.options["temperature"]
         if variant.options["kind"] == "dew point":
-            moist = f"e({variant.options['dew']} + margin)"
+            dew = variant.options["dew"]
+            if "humidity" in variant.options:
+                dew = f"dew point of {variant.options['humidity']} at {dew}"
+            moist = f"e({dew} + margin)"
             film = f"dF/dt = {moist} - e({column}), times melt where negative, F >= 0, e the vapour pressure"
         elif variant.options["kind"] == "balance":
             film = f"dF/dt = e(onset) - e({column}), times melt where negative, F >= 0, e the vapour pressure"
@@ -180,7 +186,7 @@ class WindowFrost(LightFactor):
         if abs(lean) > 0.2 * float(values["depth"]):
             text += ", more at the top" if lean > 0.0 else ", more at the bottom"
         if variant.options["kind"] == "dew point":
-            text += f", as {variant.options['dew']} says when the air is moist"
+            text += f", as {variant.options.get('humidity', variant.options['dew'])} says when the air is moist"
         if variant.options["kind"] != "settled":
             text += "; it melts later than it forms, so heating differs from cooling"
         return f"{text}."
@@ -217,16 +223,11 @@ def _axis_cosine(view: View) -> FloatArray:
     return per_view(view, "through the window", lambda: np.maximum(field_cosine(view), _GRAZING))
 
 
-def _vapour_hpa(temperature_c: FloatArray | float) -> FloatArray:
-    """Saturation vapour pressure over water, Magnus formula."""
-    warm = np.maximum(temperature_c, -100.0)
-    return np.asarray(6.112 * np.exp(17.62 * warm / (243.12 + warm)))
-
-
 def _warmest_film(variant: Variant, values: Values, view: View) -> float:
     """Temperature below which film forms; by a dew point the highest one that was logged."""
     if "dew" in variant.options:
-        return view.span(str(variant.options["dew"]))[1] + float(values["margin"])
+        dew = dew_points(view, variant.options)
+        return (float("nan") if dew is None else float(dew.max())) + float(values["margin"])
     return float(values["onset"])
 
 
@@ -241,7 +242,7 @@ def _soak(record: History) -> tuple[Parameter, ...]:
 def _film(record: History, onset: FloatArray | float, melt: float, before: float = 0.0) -> FloatArray:
     """Film in hectopascal-hours (hectopascal-steps without time); `before` the record it grew as at its start."""
     hours = record.interval / (3600.0 if record.unit == "s" else 1.0)
-    surplus = _vapour_hpa(onset) - _vapour_hpa(record.values)
+    surplus = vapour_hpa(onset) - vapour_hpa(record.values)
     grown = np.where(surplus > 0.0, surplus, melt * surplus) * hours
     grown[:, 0] += np.maximum(surplus[:, 0], 0.0) * hours * before / record.interval
     return reservoir(grown)

@@ -21,6 +21,21 @@ def test_a_signal_s_noise_has_its_floor_and_grows_with_the_signal():
     assert np.quantile(np.abs(np.log(said / truth)), 0.95) < 0.4
 
 
+def test_the_few_rows_in_bright_light_have_the_noise_of_bright_light():
+    """A scene in daylight: most boards are far and dim, a twentieth of the rows spans the upper decade of signals."""
+    ratios = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        signal, step = 300.0 * rng.lognormal(0.0, 1.2, 4000), np.zeros(4000, dtype=int)
+        truth = np.sqrt(0.8 * signal + (0.015 * signal) ** 2)
+        said = estimated_error(truth * rng.normal(size=4000), np.ones(4000), [signal], step, signal)
+        bright = np.argsort(signal)[-80:]
+        ratios.append(said[bright] / truth[bright])
+    low, middle = np.quantile(ratios, [0.1, 0.5])
+    assert low > 0.7
+    assert middle == pytest.approx(1.0, abs=0.15)
+
+
 def test_a_range_s_noise_follows_the_light_and_nothing_that_does_not_matter():
     rng = np.random.default_rng(2)
     light, metres = 10.0 ** rng.uniform(1.0, 3.5, 4000), rng.uniform(0.5, 4.0, 4000)
