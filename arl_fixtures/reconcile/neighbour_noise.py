@@ -24,6 +24,8 @@ LEAST_ALIKE, SURE = 0.1, 6.0
 """Correlation of neighbours beyond that of pixels `FAR` away, and its significance, from which noise is shared."""
 HELD_BACK = 2.5
 """Standard errors to which a row is held back."""
+MOST_POWER = 1.5
+"""Variance of rows, in what is stated, beyond which they hold more than noise."""
 FEWEST_VISITS, FEWEST_PAIRS = 3, 200
 SAME_SCENE = 0.1
 """Share by which the simulated values of rows may differ that see the same."""
@@ -89,4 +91,4 @@ def _is_shared(left: FloatArray, image: IntArray, u: IntArray, v: IntArray, sim:
     power = float(np.nanmean(left**2))
     beyond = (float(close.mean()) - float(away.mean())) / power
     error = float(np.hypot(close.std() / np.sqrt(len(close)), away.std() / np.sqrt(len(away)))) / power
-    return beyond > LEAST_ALIKE and beyond > SURE * error
+    return power < MOST_POWER and beyond > LEAST_ALIKE and beyond > SURE * error
