@@ -213,6 +213,12 @@ class ChannelData:
         self.levels = (*before[:place], amount if clear else share, *before[place + 1 :])
         return clear is not step.amount
 
+    def share_within(self, level: Level) -> None:
+        """Let groups within images share an error: it is whitened before all that these are nested in."""
+        place = next((k for k, other in enumerate(self.levels) if other.name in NESTED), len(self.levels))
+        self.levels = (*self.levels[:place], level, *self.levels[place:])
+        self.rebuild(self.tau)
+
     def free_zero(self) -> None:
         """Let each unit's signal have a zero of its own, beside an effect that the user's calibration did not know.
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Option
-from arl_fixtures.reconcile.effects_common import FloatArray, rounded
+from arl_fixtures.reconcile.effects_common import FloatArray, per_table, rounded
 from arl_fixtures.reconcile.effects_history import history
 from arl_fixtures.reconcile.view import View
 
@@ -47,9 +47,13 @@ def dew_points(view: View, options: Mapping[str, Option]) -> FloatArray | None:
     air = history(view, str(options["dew"])) if "dew" in options else None
     if air is None or "humidity" not in options:
         return None if air is None else air.values
-    humid = history(view, str(options["humidity"]))
+    humid, full = history(view, str(options["humidity"])), float(str(options["full"]))
     if humid is None:
         return None
-    pressure = np.clip(humid.values / float(str(options["full"])), 1e-3, 1.0) * vapour_hpa(air.values)
-    level = np.log(pressure / _AT_ZERO_HPA)
-    return np.asarray(_BASE_K * level / (_RISE - level))
+
+    def convert() -> FloatArray:
+        pressure = np.clip(humid.values / full, 1e-3, 1.0) * vapour_hpa(air.values)
+        level = np.log(pressure / _AT_ZERO_HPA)
+        return np.asarray(_BASE_K * level / (_RISE - level))
+
+    return per_table(view, ("dew point", options["dew"], options["humidity"], full), convert)

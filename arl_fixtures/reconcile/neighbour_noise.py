@@ -12,7 +12,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
-from arl_fixtures.reconcile.noise import NESTED, PATCH, level_of
+from arl_fixtures.reconcile.noise import PATCH, level_of
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
 
@@ -47,16 +47,13 @@ def add_patches(data: ChannelData, view: View, frame: IntArray, place: IntArray)
         np.nan_to_num(view.number(name))[data.use].astype(np.int64) if view.varies(name) else np.zeros(len(rows), int)
         for name in ("pixel_u", "pixel_v")
     )
-    image = np.unique(frame[rows], return_inverse=True)[1].astype(np.int64)
+    image = frame[rows]
     left = _not_repeated(data, view, place[rows])
     if left is None or not _is_shared(left, image, u, v, view.sim[data.channel.name][data.use]):
         return
-    patch = np.unique(np.stack([image, u // ACROSS, v // ACROSS]), axis=1, return_inverse=True)[1].ravel()
-    level = level_of(PATCH, patch, data.stated)
+    level = level_of(PATCH, _key(image, u // ACROSS, v // ACROSS)[0], data.stated)
     if level is not None:
-        first = next((k for k, other in enumerate(data.levels) if other.name in NESTED), len(data.levels))
-        data.levels = (*data.levels[:first], level, *data.levels[first:])
-        data.rebuild(data.tau)
+        data.share_within(level)
 
 
 def _not_repeated(data: ChannelData, view: View, place: IntArray) -> FloatArray | None:
@@ -70,17 +67,25 @@ def _not_repeated(data: ChannelData, view: View, place: IntArray) -> FloatArray 
     return np.where(visits >= FEWEST_VISITS, own * np.sqrt(visits / np.maximum(visits - 1.0, 1.0)), np.nan)
 
 
+def _key(image: IntArray, u: IntArray, v: IntArray) -> tuple[IntArray, int]:
+    """One number for each place in each image, room beside the images included, and how far apart rows of it are."""
+    width, height = (int(np.ptp(x)) + 2 * FAR + 2 for x in (u, v))
+    return (image * height + (v - v.min())) * width + (u - u.min()), width
+
+
 def _is_shared(left: FloatArray, image: IntArray, u: IntArray, v: IntArray, sim: FloatArray) -> bool:
     """Whether neighbours are alike, and pixels a little farther away are not."""
-    width = int(u.max() - u.min()) + 2 * FAR + 2
-    height = int(v.max() - v.min()) + 2 * FAR + 2
-    key = (image * height + (v - v.min())) * width + (u - u.min())
+    power = float(np.nanmean(left**2))
+    if power > MOST_POWER:
+        return False
+    key, width = _key(image, u, v)
     order = np.argsort(key, kind="stable")
+    ordered = key[order]
     near: list[FloatArray] = []
     far: list[FloatArray] = []
     for step, found in ((1, near), (FAR, far)):
         for shift in (step, step * width):
-            at = np.minimum(np.searchsorted(key[order], key + shift), len(key) - 1)
+            at = np.minimum(np.searchsorted(ordered, key + shift), len(key) - 1)
             other = order[at]
             same = (key[other] == key + shift) & (np.abs(sim[other] - sim) < SAME_SCENE * np.abs(sim))
             product = (left * left[other])[same]
@@ -88,7 +93,6 @@ def _is_shared(left: FloatArray, image: IntArray, u: IntArray, v: IntArray, sim:
     close, away = np.concatenate(near), np.concatenate(far)
     if min(len(close), len(away)) < FEWEST_PAIRS:
         return False
-    power = float(np.nanmean(left**2))
     beyond = (float(close.mean()) - float(away.mean())) / power
     error = float(np.hypot(close.std() / np.sqrt(len(close)), away.std() / np.sqrt(len(away)))) / power
-    return power < MOST_POWER and beyond > LEAST_ALIKE and beyond > SURE * error
+    return beyond > LEAST_ALIKE and beyond > SURE * error

@@ -17,7 +17,7 @@ from arl_fixtures.reconcile.effects_bench import is_sharp
 from arl_fixtures.reconcile.effects_common import distances, per_view, signals
 from arl_fixtures.reconcile.effects_pointing import turn_stage
 from arl_fixtures.reconcile.effects_scene import scene
-from arl_fixtures.reconcile.noise import NESTED, POSE, Level, less_shared
+from arl_fixtures.reconcile.noise import POSE, Level, less_shared
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
 
@@ -52,9 +52,7 @@ def add_pose(data: ChannelData, view: View, frame: IntArray | None) -> None:
     angle_deg = np.nan_to_num(view.number("stage_angle_deg"))[data.use]
     level = pose_level(data, slope, frame[view.rows[data.use]], angle_deg)
     if level is not None and scatters(data, level, data.residual(view.sim)):
-        place = next((k for k, other in enumerate(data.levels) if other.name in NESTED), len(data.levels))
-        data.levels = (*data.levels[:place], level, *data.levels[place:])
-        data.rebuild(data.tau)
+        data.share_within(level)
 
 
 def pose_level(data: ChannelData, slope: FloatArray, image: IntArray, angle_deg: FloatArray) -> Level | None:

@@ -92,7 +92,7 @@ class PileUp(Effect):
                         "distance": pulled[0] if pulled else "",
                         "top": rounded(top_signal(view, channel)),
                         "kind": kind,
-                        **({"tail": 0.0} if further is widths else {}),
+                        **({"tail": 0.0} if kind == "pulse" and pulled and not _has_tail(further) else {}),
                         **({"exposure": exposure, "brightest_rate": _top_rate(view, channel, exposure)}
                            if exposure else {}),
                         **behind,
@@ -149,7 +149,7 @@ class PileUp(Effect):
             )
         elif "background" in variant.options:
             text += f", times exp(-blocked * {variant.options['background']} / {variant.options['brightest']})"
-        tail = variant.options.get("tail", "tail")
+        tail = "tail" if _has_tail(variant.parameters) else "0"
         return f"{text}; {distance} -= width * early(x, {tail})" if distance else text
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
@@ -187,6 +187,10 @@ def _top_rate(view: View, channel: str, exposure: str) -> float:
 
 def _brightest(variant: Variant) -> float:
     return float(variant.options["brightest_rate"])
+
+
+def _has_tail(parameters: Sequence[Parameter]) -> bool:
+    return any(p.name == "tail" for p in parameters)
 
 
 def _is_pulsed(variant: Variant) -> bool:

@@ -225,9 +225,9 @@ def _axis_cosine(view: View) -> FloatArray:
 
 def _warmest_film(variant: Variant, values: Values, view: View) -> float:
     """Temperature below which film forms; by a dew point the highest one that was logged."""
-    if "dew" in variant.options:
-        dew = dew_points(view, variant.options)
-        return (float("nan") if dew is None else float(dew.max())) + float(values["margin"])
+    dew = dew_points(view, variant.options)
+    if dew is not None:
+        return float(dew.max()) + float(values["margin"])
     return float(values["onset"])
 
 
