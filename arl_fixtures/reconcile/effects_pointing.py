@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effect import State, Variant
 from arl_fixtures.reconcile.effects_bench import is_sharp
@@ -240,7 +241,9 @@ def point_elsewhere(
     _set_seen(view, state, changes_elsewhere(view, turn, lift, by_planes=by_planes), *moves)
 
 
-def look_from(view: View, state: State, forward: FloatArray | float, right: FloatArray | float) -> bool:
+def look_from(
+    view: View, state: State, forward: FloatArray | float, right: FloatArray | float
+) -> NDArray[np.bool_] | None:
     """Let every row see the room from another place, where a scanner's table tells the planes about it.
 
     Args:
@@ -248,15 +251,15 @@ def look_from(view: View, state: State, forward: FloatArray | float, right: Floa
         forward, right: of the ray's start along bearing 0 and 90 degrees, in the unit of the first distance.
 
     Returns:
-        Whether the planes are known; where not, nothing has changed.
+        Rows of which the planes tell all; None where no planes are known, and nothing has changed.
     """
     found = scene(view)
     room = None if found is None else room_of(view, found.sign)
     if room is None:
-        return False
+        return None
     level = np.broadcast_arrays(forward, right, np.zeros(view.n))
     _set_seen(view, state, changes_in_room(view, room, 0.0, 0.0, np.stack(level, axis=1)), 0.0, 0.0)
-    return True
+    return on_planes(view, room)
 
 
 def spread_rays(view: View, state: State, turn: FloatArray, lift: FloatArray) -> None:
@@ -313,7 +316,7 @@ def changes_elsewhere(
     room = room_of(view, found.sign) if by_planes else None
     if room is None:
         return _along_curves(found, view, turn, lift)
-    told, planes = on_planes(view), changes_in_room(view, room, turn, lift)
+    told, planes = on_planes(view, room), changes_in_room(view, room, turn, lift)
     if told.all():
         return planes
     curves = _along_curves(found, view, turn, lift)
@@ -330,11 +333,14 @@ def _along_curves(
     if patchy.any() and np.any(turn):
         own_before = per_view(view, "sweep here", lambda: along_sweep(view, 0.0))
         own_after = along_sweep(view, found.sign * turn)
+        lifted = _at(found, view, 0.0, lift) if np.any(lift) else _here(found, view)
         for name, there in own_after.items():
             swap = patchy & np.isfinite(there) & np.isfinite(own_before[name])
             scale = 1.0 if name in signals(view) else np.cos(np.radians(el))  # as flattened as the scene's
+            with np.errstate(divide="ignore", invalid="ignore"):
+                higher = lifted[name] / _here(found, view)[name]  # a sweep tells nothing of what lies above it
             before[name] = np.where(swap, own_before[name] * scale, before[name])
-            after[name] = np.where(swap, there * scale, after[name])
+            after[name] = np.where(swap, there * scale * np.where(np.isfinite(higher), higher, 1.0), after[name])
     changed = np.cos(np.radians(el + lift)) / np.cos(np.radians(el))
     changes = {}
     for name in found.curves:

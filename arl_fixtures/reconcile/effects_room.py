@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, pure_rows, signals
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column, turns_round
 from arl_fixtures.reconcile.effects_planes import directions
-from arl_fixtures.reconcile.effects_room_planes import FLAT, Rays, planes_about
+from arl_fixtures.reconcile.effects_room_planes import FLAT, FLAT_IN_PIXELS, Rays, planes_about
 from arl_fixtures.reconcile.effects_scene import gap_of, joins_unlike_rows, pixel_width, scene
 from arl_fixtures.reconcile.effects_still import apart
 from arl_fixtures.reconcile.still_scene import ALIKE
@@ -38,6 +38,9 @@ _STATIONS = ("position", "station", "pose", "place")
 _MOST_STATIONS = 100
 _SPARSE = 1.5
 """Pixels' widths between rays of a camera from which what lies between two of them is not seen."""
+_LEANING, _ON_PLANES, _SOME_LEAN = 0.2, 0.7, 0.01
+"""Sine from which a plane leans, and the shares of a camera's rays that lie on planes, and on those that lean, from
+which planes tell more than curves over the bearing."""
 _FARTHEST, _MOST_LOG = 2.0, 4.0
 """Factor by which a turned ray's range may change, and the logarithm of that of its light."""
 
@@ -54,6 +57,7 @@ class Room:
         brighter: signal to how much more of the light the surface beyond sends back than the own one.
         fold: +1 where that plane comes in front beyond an edge (a corner of the room), −1 where the own one ends (a
             corner that stands out), 0 where there is none near.
+        told: rows that lie on a plane, of the whole table.
     """
 
     sign: float
@@ -61,10 +65,11 @@ class Room:
     beyond: dict[str, FloatArray]
     brighter: dict[str, FloatArray]
     fold: FloatArray
+    told: NDArray[np.bool_]
 
 
 def room_of(view: View, sign: float) -> Room | None:
-    """The planes about a scanner, a beam that a stage turns, or a camera's pixels that are far apart; else None."""
+    """The planes about a scanner, a beam that a stage turns, or a camera whose curves do not tell them; else None."""
     return per_table(view, ("room", sign), lambda: _make(view, sign))
 
 
@@ -114,7 +119,8 @@ def _make(view: View, sign: float) -> Room | None:
     table = view.columns
     if not (distances(view) and (view.varies("azimuth_deg") or view.varies("stage_angle_deg"))):
         return None
-    if _has_grid(view) and not _is_sparse(view):
+    dense = _has_grid(view) and not _is_sparse(view)
+    if dense and scene(view) is None:
         return None
     everywhere = directions(view, sign)  # a stage turns rays to where others looked before
     far = table.numbers[f"sim_{distances(view)[0]}"]
@@ -133,25 +139,43 @@ def _make(view: View, sign: float) -> Room | None:
     beyond: dict[str, FloatArray] = {}
     sent: dict[str, FloatArray] = {}
     rival, fold = np.arange(first.size), np.zeros(first.size)
-    whole = _of_one_surface(view)
+    whole, told = _of_one_surface(view), np.zeros(first.size, dtype=bool)
     for name in distances(view):
         with np.errstate(invalid="ignore", divide="ignore"):
             target = 1.0 / table.numbers[f"sim_{name}"][first]
         target = np.where(np.isfinite(target) & whole[first], target, np.nan)
-        slope = planes_about(view, Rays(first, direction, near, place[first]), target)
+        rays_of = Rays(first, direction, near, place[first], FLAT_IN_PIXELS if dense else FLAT)
+        slope, on_plane = planes_about(view, rays_of, target)
         if not slopes:
+            told = on_plane
+            if dense and not _leans(slope, told):
+                return None
             rival, fold = _edges(slope, direction, near)
             sent = {signal: _sent_back(view, signal, first, slope, direction) for signal in signals(view)}
         for into, some in ((slopes, slope), (beyond, slope[rival])):
             into[name] = np.where(known[code][:, None], some[of_code[code]], 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         brighter = {signal: (of_ray[rival] / of_ray)[of_code[code]] for signal, of_ray in sent.items()}
-    return Room(sign, slopes, beyond, brighter, np.where(known[code], fold[of_code[code]], 0.0))
+    lies = known[code]
+    return Room(
+        sign, slopes, beyond, brighter, np.where(lies, fold[of_code[code]], 0.0), lies & told[of_code[code]]
+    )
 
 
-def on_planes(view: View) -> NDArray[np.bool_]:
+def _leans(slope: FloatArray, told: NDArray[np.bool_]) -> bool:
+    """Whether rays lie on planes and some of these are no upright walls: curves over bearings tell them worse."""
+    up = np.abs(slope[:, 2]) > _LEANING * np.linalg.norm(slope, axis=1)
+    return bool(np.mean(told) > _ON_PLANES and np.mean(up & told) > _SOME_LEAN)
+
+
+def on_planes(view: View, room: Room) -> NDArray[np.bool_]:
     """Rows under work that planes tell all of: of a camera's pixels those that see one surface each."""
-    return per_view(view, "on planes", lambda: _of_one_surface(view)[view.rows])
+    return per_view(view, ("on planes", room.sign), lambda: _told(view, room)[view.rows])
+
+
+def _told(view: View, room: Room) -> NDArray[np.bool_]:
+    dense = _has_grid(view) and not _is_sparse(view)
+    return _of_one_surface(view) & room.told if dense else _of_one_surface(view)
 
 
 def _of_one_surface(view: View) -> NDArray[np.bool_]:

@@ -14,8 +14,9 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _ROUNDS = 5
-FLAT = 1e-3
-"""Relative error of 1/range within which rays lie on one plane."""
+FLAT, FLAT_IN_PIXELS = 1e-3, 0.03
+"""Relative error of 1/range within which rays lie on one plane, and of means over a camera's pixels: on a floor that
+goes away a mean of ranges is not the range at the middle."""
 _FEWEST_ON_SURFACE, _SPREAD, _ONE_PLANE = 6, 0.03, 0.7
 """Rays that a named surface must have, the extent of their directions that tells how it lies if they are as good as
 `FLAT`, and the share of them that must lie on one plane."""
@@ -38,32 +39,41 @@ class Rays:
     Attributes:
         rows: of the whole table, (n,); direction: in the room, unit vectors, (n, 3).
         near: rays next to each, itself first, (n, k); place: where the sensor stands, (n,).
+        flat: relative error of 1/range within which they lie on one plane.
     """
 
     rows: IntArray
     direction: FloatArray
     near: IntArray
     place: IntArray
+    flat: float = FLAT
 
 
-def planes_about(view: View, rays: Rays, target: FloatArray) -> FloatArray:
-    """The vector m of 1/range = m·direction about every ray, (n, 3).
+def planes_about(view: View, rays: Rays, target: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """The vector m of 1/range = m·direction about every ray, (n, 3), and which lie on a plane.
+
+    Those of a named surface if there is one, else those that lie on one with their neighbours.
 
     Args:
         view: of a table; rays: of it; target: 1/range, NaN where not known or of more than one surface.
     """
-    slope = _slopes(rays.direction, rays.near, target)
+    slope, wrong = _slopes(rays.direction, rays.near, target)
     facing = view.columns.numbers.get("incidence_deg")
     if facing is not None:
         met_deg = facing[rays.rows]
         slope = _as_met(rays, met_deg, target, slope)
         slope = _level(rays.direction, met_deg, target, slope)
         slope = _upright(rays.direction, met_deg, target, slope)
+    if "surface" not in view.columns.categories:
+        return slope, np.isfinite(target) & (wrong < rays.flat)
     return _of_surfaces(view, rays, target, slope)
 
 
-def _slopes(direction: FloatArray, near: IntArray, target: FloatArray) -> FloatArray:
-    """The vector m of 1/range = m·direction about every ray, from the neighbours that lie on the same surface."""
+def _slopes(direction: FloatArray, near: IntArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The vector m of 1/range = m·direction about every ray, from the neighbours that lie on the same surface.
+
+    And the relative error of 1/range with which they and the ray do so.
+    """
     rays, values = direction[near], target[near]
     own = np.where(np.isfinite(target), target, 0.0)
     size = np.maximum(np.abs(own), 1e-12)
@@ -82,8 +92,8 @@ def _slopes(direction: FloatArray, near: IntArray, target: FloatArray) -> FloatA
         weight = good / (1.0 + (left / np.maximum(2.0 * rest, FLAT)[:, None]) ** 2) ** 2
     across = np.sum(slope * direction, axis=1)
     whole = slope + (own - across)[:, None] * direction  # m·d is the own value, the rest of m the slope across
-    flattest = _flattest(whole, rays, rest, own, size, near)
-    return np.asarray(whole[flattest])
+    flattest, wrong = _flattest(whole, rays, rest, own, size, near)
+    return np.asarray(whole[flattest]), wrong
 
 
 def _as_met(rays: Rays, met_deg: FloatArray, target: FloatArray, slope: FloatArray) -> FloatArray:
@@ -96,7 +106,7 @@ def _as_met(rays: Rays, met_deg: FloatArray, target: FloatArray, slope: FloatArr
     cosine = np.cos(np.radians(met_deg))
     along = np.where(np.isfinite(target), target, 0.0)[:, None] * rays.direction
     across = slope - along
-    normal = _slopes(rays.direction, rays.near, cosine)
+    normal, _ = _slopes(rays.direction, rays.near, cosine)
     with np.errstate(invalid="ignore", divide="ignore"):
         lean, most = np.linalg.norm(across, axis=1), np.abs(target * np.tan(np.radians(met_deg)))
         by_normal = normal * (target / cosine)[:, None]
@@ -132,14 +142,15 @@ def _upright(direction: FloatArray, met_deg: FloatArray, target: FloatArray, slo
     return found
 
 
-def _of_surfaces(view: View, rays: Rays, target: FloatArray, slope: FloatArray) -> FloatArray:
-    """Planes of rays, those of one named surface on one plane where it is one.
+def _of_surfaces(
+    view: View, rays: Rays, target: FloatArray, slope: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Planes of rays, those of one named surface on one plane where it is one, and of which rays that is so.
 
     Two rays in a corner of the floor tell nothing of how it lies; those in the other corners do.
     """
     table = view.columns
-    if "surface" not in table.categories:
-        return slope
+    told = np.zeros(target.size, dtype=bool)
     code = both(rays.place, table.group("surface")[rays.rows])
     found = slope.copy()
     for surface in np.unique(code):
@@ -151,22 +162,27 @@ def _of_surfaces(view: View, rays: Rays, target: FloatArray, slope: FloatArray) 
         weight = 1.0 / np.maximum(np.abs(values), 1e-12)
         left = np.zeros(of_it.size)
         for _ in range(_ROUNDS):
-            root = weight / (1.0 + (left / FLAT) ** 2)
+            root = weight / (1.0 + (left / rays.flat) ** 2)
             plane = np.linalg.lstsq(direction * root[:, None], values * root, rcond=None)[0]
             left = np.abs(direction @ plane - values) * weight
-        on_it = left < FLAT
+        on_it = left < rays.flat
         if np.mean(on_it) <= _ONE_PLANE or spread < _LEAST_SPREAD:
             continue
         if spread > _SPREAD or float(np.sqrt(np.mean(left[on_it] ** 2))) < FLAT * spread / _SPREAD:
             found[of_it[on_it]] = plane
-    return found
+            told[of_it[on_it]] = True
+    return found, told
 
 
 def _flattest(
     whole: FloatArray, rays: FloatArray, rest: FloatArray, own: FloatArray, size: FloatArray, near: IntArray
-) -> IntArray:
-    """Of each ray's neighbours the one whose plane is the flattest of those that hold for it, too: beside an edge."""
+) -> tuple[IntArray, FloatArray]:
+    """Of each ray's neighbours the one whose plane is the flattest of those that hold for it, too: beside an edge.
+
+    And by how much it does not hold.
+    """
     said = np.einsum("nki,ni->nk", whole[near], rays[:, 0])
     wrong = np.abs(said - own[:, None]) / size[:, None] + rest[near]
     best = np.argmin(wrong, axis=1)
-    return np.asarray(near[np.arange(own.size), best], dtype=np.int64)
+    rows = np.arange(own.size)
+    return np.asarray(near[rows, best], dtype=np.int64), np.asarray(wrong[rows, best])

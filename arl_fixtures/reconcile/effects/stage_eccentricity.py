@@ -30,7 +30,7 @@ from arl_fixtures.reconcile.effects_pointing import (
     ways_of_looking,
 )
 from arl_fixtures.reconcile.effects_rays import Pose
-from arl_fixtures.reconcile.effects_room import on_planes, room_of
+from arl_fixtures.reconcile.effects_room import room_of
 from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
@@ -78,11 +78,10 @@ class Eccentricity(Effect):
         if take_pose(view, state, _pose(variant, view, forward, right), whole=by_whole_pixels(variant)):
             return
         planes = dict(state)
-        known = look_from(view, planes, *_in_the_room(variant, view, forward, right))
-        told = on_planes(view) if known else np.zeros(view.n, dtype=bool)
-        if not told.all():
+        told = look_from(view, planes, *_in_the_room(variant, view, forward, right))
+        if told is None or not told.all():
             self._by_curves(variant, view, state, forward, right)
-        if known:
+        if told is not None:
             state.update({name: np.where(told, planes[name], state[name]) for name in scanned_channels(view)})
 
     def _by_curves(self, variant: Variant, view: View, state: State, forward: float, right: float) -> None:
