@@ -29,6 +29,10 @@ _UPRIGHT_DEG = 0.05
 _UNIT, _AS_MET = 0.02, 0.02
 """Error of a unit normal's length up to which neighbours tell it, and by how much, against 1/range, a plane may lean
 otherwise than it is met."""
+_CLOSEST, _MUCH = 5, 0.3
+"""Rays, itself one, that tell a plane where more of them do not, and to what share of the error they must do so."""
+_ALONE = 0.02
+"""Relative error of 1/range from which a ray lies on no plane."""
 _RIDGE = 1e-6
 
 
@@ -58,6 +62,12 @@ def planes_about(view: View, rays: Rays, target: FloatArray) -> tuple[FloatArray
         view: of a table; rays: of it; target: 1/range, NaN where not known or of more than one surface.
     """
     slope, wrong = _slopes(rays.direction, rays.near, target)
+    closer, less = _slopes(rays.direction, rays.near, target, _CLOSEST)  # narrow boards, few rays on each
+    better = (wrong > FLAT) & (less < _MUCH * wrong)
+    slope, wrong = np.where(better[:, None], closer, slope), np.where(better, less, wrong)
+    if np.median(wrong) < FLAT:  # a room of planes: what lies on none is a post of which nothing tells how it leans
+        alone = (wrong > _ALONE) & np.isfinite(target)
+        slope[alone] = target[alone, None] * rays.direction[alone]
     facing = view.columns.numbers.get("incidence_deg")
     if facing is not None:
         met_deg = facing[rays.rows]
@@ -69,17 +79,22 @@ def planes_about(view: View, rays: Rays, target: FloatArray) -> tuple[FloatArray
     return _of_surfaces(view, rays, target, slope)
 
 
-def _slopes(direction: FloatArray, near: IntArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _slopes(
+    direction: FloatArray, near: IntArray, target: FloatArray, closest: int | None = None
+) -> tuple[FloatArray, FloatArray]:
     """The vector m of 1/range = m·direction about every ray, from the neighbours that lie on the same surface.
 
-    And the relative error of 1/range with which they and the ray do so.
+    And the relative error of 1/range with which they and the ray do so. Of all neighbours the flattest plane is taken
+    that holds for the ray; the planes are those of the `closest` ones.
     """
+    about, near = near, near[:, :closest]
     rays, values = direction[near], target[near]
     own = np.where(np.isfinite(target), target, 0.0)
     size = np.maximum(np.abs(own), 1e-12)
     good = np.isfinite(values)
-    off = np.where(good, values, own[:, None]) - own[:, None]
-    lean = rays - direction[:, None, :]
+    along = np.einsum("nki,ni->nk", rays, direction)
+    off = np.where(good, values, own[:, None] * along) - own[:, None] * along
+    lean = rays - along[..., None] * direction[:, None, :]  # what is across the ray: its own range holds in any case
     weight = good.astype(np.float64)
     slope, rest = np.zeros(direction.shape), np.zeros(own.size)
     for _ in range(_ROUNDS):
@@ -90,9 +105,8 @@ def _slopes(direction: FloatArray, near: IntArray, target: FloatArray) -> tuple[
         left = np.abs(off - np.einsum("nki,ni->nk", lean, slope)) / size[:, None]
         rest = np.median(np.where(good, left, 0.0), axis=1)
         weight = good / (1.0 + (left / np.maximum(2.0 * rest, FLAT)[:, None]) ** 2) ** 2
-    across = np.sum(slope * direction, axis=1)
-    whole = slope + (own - across)[:, None] * direction  # m·d is the own value, the rest of m the slope across
-    flattest, wrong = _flattest(whole, rays, rest, own, size, near)
+    whole = slope + own[:, None] * direction
+    flattest, wrong = _flattest(whole, direction, rest, own, size, about)
     return np.asarray(whole[flattest]), wrong
 
 
@@ -175,13 +189,13 @@ def _of_surfaces(
 
 
 def _flattest(
-    whole: FloatArray, rays: FloatArray, rest: FloatArray, own: FloatArray, size: FloatArray, near: IntArray
+    whole: FloatArray, direction: FloatArray, rest: FloatArray, own: FloatArray, size: FloatArray, near: IntArray
 ) -> tuple[IntArray, FloatArray]:
     """Of each ray's neighbours the one whose plane is the flattest of those that hold for it, too: beside an edge.
 
     And by how much it does not hold.
     """
-    said = np.einsum("nki,ni->nk", whole[near], rays[:, 0])
+    said = np.einsum("nki,ni->nk", whole[near], direction)
     wrong = np.abs(said - own[:, None]) / size[:, None] + rest[near]
     best = np.argmin(wrong, axis=1)
     rows = np.arange(own.size)
