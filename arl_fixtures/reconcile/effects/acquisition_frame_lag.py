@@ -34,8 +34,8 @@ from arl_fixtures.reconcile.effects_way_back import (
 from arl_fixtures.reconcile.still_scene import is_still
 from arl_fixtures.reconcile.view import View
 
-_PLACES = np.linspace(0.0, 1.0, 6)
-"""Shares of the way back to the stage position before at which the scene is looked up."""
+_PLACES = np.array([0.0, 0.003, 0.01, 0.04, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0])
+"""Shares of the way back to the stage position before at which the scene is looked up: close where little is left."""
 _SINGLE = 0.7
 """Share of a table's rows that places make of which several rows are frames."""
 _LONGEST_DELAY_S, _SPEED_UNIT = 2.0, "_deg_s"

@@ -7,6 +7,7 @@ from rendered_bench import Camera, bench, corrected, left_over, render, variant_
 from arl_fixtures.reconcile import effects_render
 from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.effects import optics_defocus
+from arl_fixtures.reconcile.effects_pointing import turn_stage
 from arl_fixtures.reconcile.view import View
 
 LIGHT, RANGE = "intensity_counts", "distance_m"
@@ -190,6 +191,25 @@ def test_frames_of_a_stage_that_settles_are_those_rendered_on_its_way():
     ratio = state[f"{LIGHT}_std"][edge] / np.sqrt(own + spread**2)[edge]
     assert np.median(ratio) == pytest.approx(1.0, abs=0.05)
     assert np.mean(np.abs(ratio - 1.0) < 0.1) > 0.8
+
+
+def test_a_stage_that_has_all_but_arrived_after_a_wide_move_lags_by_what_is_left_of_it():
+    """Half a per cent of 4.5 degrees: nothing that lies farther back on the way tells of what these frames show."""
+    columns = bench(angles=(-9.0, 9.0, 21), steps=1)
+    u, v, stage = (columns.numbers[name] for name in ("pixel_u", "pixel_v", "stage_angle_deg"))
+    place = np.rint((stage + 9.0) / 0.9).astype(int)
+    visited = np.concatenate([np.arange(first, 21, 5) for first in range(5)])
+    came = np.diff(0.9 * visited, prepend=0.9 * visited[0])[np.argsort(visited)[place]]
+    columns.numbers["time_s"] = 5.0 * np.argsort(visited)[place]
+    frames = [render(u, v, stage - came * 0.005 * np.exp(-k / 3.0)) for k in range(10)]
+    for name in (LIGHT, RANGE):
+        columns.numbers[name] = np.mean([frame[name] for frame in frames], axis=0)
+    view = View(columns)
+    state = corrected(view, variant_of(view, "acquisition.frame_lag", kind="settling"), creep=0.005, decay=3.0)
+    turned = dict(view.sim)
+    turn_stage(view, turned, -0.005 * came * np.mean(np.exp(-np.arange(10) / 3.0)))
+    assert left_over(view, state, LIGHT) < 1.1 * left_over(view, turned, LIGHT)
+    assert left_over(view, state, RANGE) < 1.1 * left_over(view, turned, RANGE)
 
 
 def test_single_frames_of_a_stage_that_settles_show_each_a_place_on_its_way():
