@@ -17,7 +17,7 @@ from arl_fixtures.reconcile.effect import Effect, Parameter, State, Variant
 from arl_fixtures.reconcile.noise import PARTS_OF_STEPS, fit_tau, less_constants
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import Role
-from arl_fixtures.reconcile.silence import deaths, some_dark
+from arl_fixtures.reconcile.silence import FEWEST_OF_PIXEL, deaths, some_dark
 from arl_fixtures.reconcile.terms import Term, default_values, field_keys, forward
 from arl_fixtures.reconcile.uneven_pixels import is_smooth, sees_one_place, sits_in_few
 
@@ -109,7 +109,7 @@ def _fit_pattern(
             certain = tangent / (d.stated * d.spread) ** 2
             due += np.bincount(code[d.use], certain * tangent, minlength=len(keys))
             lack += np.bincount(code[d.use], certain * residual, minlength=len(keys))
-            rows = np.maximum(rows, np.bincount(code[d.use], minlength=len(keys)))
+        rows = np.maximum(rows, np.bincount(code[d.use], minlength=len(keys)))
         half = _halves(problem, d, code[d.use])
         for k in (0, 1):
             part = half == k
@@ -133,6 +133,8 @@ def _fit_pattern(
         seen = good & right & (np.abs(sure) > SPARSE_Z)
         size_of = np.minimum(np.abs(estimate), np.abs(answers))
         strong = seen & (size_of > (LEAST_ANSWERS if counted else LEAST_LIGHT))
+        if not counted:  # what is darker than dark, or is so once, is a wild reading
+            strong &= ((size_of - 1.0) * np.sqrt(total) < SPARSE_Z) & (rows >= FEWEST_OF_PIXEL)
         if not counted and np.sum(seen & (size_of > LEAST_PART)) > 2 * strong.sum():
             return None  # what most of them lose in part is no death: dirt, or another scene
         chosen = int(strong.sum())

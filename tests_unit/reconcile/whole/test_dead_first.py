@@ -162,3 +162,22 @@ def test_a_pixel_that_never_answers_is_no_spot_on_the_window(tmp_path, save, kno
     (found,) = diagnose(load_table(save(tmp_path / "table.parquet", table)))[0].findings
     assert found.effect == "detector.dead_pixels"
     assert not asked
+
+
+@pytest.mark.parametrize("wild", [-11.0, 0.02], ids=["below nothing", "once dark"])
+def test_one_wild_reading_of_a_pixel_that_a_cycle_holds_once_is_no_death(tmp_path, make_table, save, wild):
+    """Of an even draw of rows some pixels have one in a cycle."""
+    table = make_table(85, None, steps=12)
+    cycle = 1.0 + np.floor(table["step"] / 4.0)
+    table["cycle"], table["step"] = cycle, np.mod(table["step"], 4.0)
+    kept = np.random.default_rng(3).uniform(size=cycle.size) < 0.12
+    table = {name: x[kept] for name, x in table.items()}
+    level = np.unique(
+        np.stack([pixels_of(table), table["cycle"], np.unique(table["dut"], return_inverse=True)[1]]), axis=1,
+        return_inverse=True,
+    )[1].ravel()  # fmt: skip
+    single = np.bincount(level)[level] == 1
+    row = np.flatnonzero(single)[np.argmax(table["sim_intensity_counts"][single])]
+    table["intensity_counts"][row] = wild * table["sim_intensity_counts"][row]
+    problem = Problem(load_table(save(tmp_path / "table.parquet", table)))
+    assert not [p for p in find_patterns(problem, [library()["detector.dead_pixels"]], ()) if p.size]
