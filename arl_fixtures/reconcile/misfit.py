@@ -53,7 +53,7 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
     new = ranked.fit.terms[-1]
     if base.terms and _is_beyond_reach(new):
         return True
-    if _mends_side_effects(problem, ranked) or _undoes(problem, ranked) or _worsens_own(problem, base, ranked):
+    if _mends_side_effects(problem, ranked) or _undoes(problem, base, ranked) or _worsens_own(problem, base, ranked):
         return True
     for index, term in enumerate(base.terms):
         if not set(term.variant.channels) & set(new.variant.channels) or _is_side(term, new):
@@ -115,8 +115,11 @@ def _is_side(term: Term, new: Term) -> bool:
     )
 
 
-def _undoes(problem: Problem, ranked: Ranked) -> bool:
-    """Whether a further effect and one of the same drivers take back most of what the other does."""
+def _undoes(problem: Problem, base: Fit, ranked: Ranked) -> bool:
+    """Whether a further effect and one of the same drivers take back most of what the other does.
+
+    Not where a channel that the other one leaves alone shows the further effect: light that came by a floor.
+    """
     terms = ranked.fit.terms
     for index, term in enumerate(terms[:-1]):
         if driven_by(term) != driven_by(terms[-1]) or not set(term.variant.channels) & set(
@@ -129,8 +132,17 @@ def _undoes(problem: Problem, ranked: Ranked) -> bool:
         ]
         both = alone[0] + alone[1]
         if float(both @ both) < UNDONE * sum(float(change @ change) for change in alone):
-            return True
+            return _gain_beside(problem, base, ranked, term) < CLEAR_GAIN
     return False
+
+
+def _gain_beside(problem: Problem, base: Fit, ranked: Ranked, term: Term) -> float:
+    """What a further effect gains on means that are among its own channels and that another effect leaves alone."""
+    own = set(ranked.fit.terms[-1].variant.channels) - set(term.variant.channels)
+    return sum(
+        d.fit_scatter(d.residual(ranked.fit.state))[0] - d.fit_scatter(d.residual(base.state))[0]
+        for d in problem.data if d.channel.name in own and d.channel.role is not Role.SCATTER
+    )  # fmt: skip
 
 
 def _mends_side_effects(problem: Problem, ranked: Ranked) -> bool:

@@ -81,7 +81,8 @@ class Multipath(Effect):
                 yield self._variant("wall", (share_of, *shapes, *stretch), everything, seen_in, lit=True, **wall)
         low, high = view.span(f"sim_{far[0]}")
         if 0.0 < low < 0.8 * high:
-            height = shape("height", unit, 0.02 * high, 0.35 * high, 0.05 * high, 0.15 * high)
+            height = shape("height", unit, 0.005 * high, 0.35 * high, 0.05 * high, 0.15 * high, 0.015 * high)
+            fewer = shape("height", unit, 0.02 * high, 0.35 * high, 0.05 * high, 0.15 * high)  # beside other shapes
             driver = "true_range_m" if view.varies("true_range_m") else f"sim_{far[0]}"
             yield self._variant("side", (share, height), far, (driver,))
             if channel:
@@ -97,7 +98,7 @@ class Multipath(Effect):
                         for part, value in zip(("first", "last"), view.span(axis), strict=True)
                     }  # fmt: skip
                     yield self._variant(
-                        "side", (share, height, *leans), everything, (driver, *_AXES), lit=True, **spans
+                        "side", (share, fewer, *leans), everything, (driver, *_AXES), lit=True, **spans
                     )
 
     def _variant(

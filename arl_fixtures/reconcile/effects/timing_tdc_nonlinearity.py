@@ -25,6 +25,9 @@ USUAL_M, LONGEST_M = 4.0, 20.0
 """Periods, as distances: of clocks from some 40 MHz; of slower ones from 7.5 MHz, where two and a half are swept."""
 FASTEST_M, MOST_PERIODS = 0.15, 120
 """Period of a clock of 1 GHz, down to which a long sweep is searched where its distances lie close enough."""
+ALIASED, PLACE, OFF_GRID, MOST_STRIDES = 2.05, 0.004, 0.05, 200
+"""Strides of an even grid of distances to the shortest period that these tell apart; share of their spread by which
+rows of one place differ at most; share of a stride by which places may miss the grid; strides of one at most."""
 DISTINCT = 4
 """Distances for each parameter: as many waves as there are targets draw anything."""
 _HERTZ = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6}
@@ -69,6 +72,10 @@ class TdcNonlinearity(Effect):
             longest = max(min(0.7 * spread, USUAL_M * size), min(0.4 * spread, LONGEST_M * size))
             shortest = max(spread / 30.0, 0.01 * size)
             shortest = min(shortest, max(FASTEST_M * size, spread / MOST_PERIODS, 2.0 * spread / max(distinct, 1)))
+            least, stride = 0.5 * shortest, _stride(view, distance, spread)
+            if ALIASED * stride > least:  # on an even grid a shorter period is as slow as any longer one
+                least = ALIASED * stride
+                shortest = max(shortest, least)
             if longest <= 1.05 * shortest:
                 continue
             starts = period_starts(shortest, longest, spread, most=MOST_PERIODS)
@@ -81,7 +88,7 @@ class TdcNonlinearity(Effect):
                     told = [start for start in told if _comes_again(view, distance, start)]
                 if not told:
                     continue
-                period = shape("period", unit_of(distance), 0.5 * shortest, most, *told)
+                period = shape("period", unit_of(distance), least, most, *told)
                 yield Variant(
                     effect=self.id,
                     options={"channel": distance, **({"harmonics": harmonics} if harmonics > 1 else {})},
@@ -170,6 +177,24 @@ def _distinct(view: View, distance: str, spread: float) -> int:
     """Different simulated distances of the table, to a thousandth of their spread."""
     values = view.columns.numbers[f"sim_{distance}"]
     return len(np.unique(np.round(values[np.isfinite(values)] / spread, 3)))
+
+
+def _stride(view: View, distance: str, spread: float) -> float:
+    """Stride of an even grid on which all simulated distances lie (a target on a rail); 0 where they lie anywhere."""
+    levels, rows = _levels(view, distance)
+    place = np.cumsum(np.diff(levels, prepend=levels[0]) > PLACE * spread)
+    middle = np.bincount(place, levels * rows) / np.bincount(place, rows)
+    steps = np.diff(middle)
+    if not steps.size:
+        return 0.0
+    stride = float(steps.min())
+    if float(steps.sum()) > MOST_STRIDES * stride:
+        return 0.0
+    for _ in range(2):  # the shortest step, and what all of them make of it
+        number = np.rint((middle - middle[0]) / stride)
+        stride = float(number @ (middle - middle[0]) / (number @ number))
+    off = np.abs(levels - middle[0] - number[place] * stride)
+    return stride if float(off.max()) < OFF_GRID * stride else 0.0
 
 
 def _comes_again(view: View, distance: str, period: float) -> bool:
