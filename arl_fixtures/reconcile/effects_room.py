@@ -57,7 +57,7 @@ class Room:
         brighter: signal to how much more of the light the surface beyond sends back than the own one.
         fold: +1 where that plane comes in front beyond an edge (a corner of the room), −1 where the own one ends (a
             corner that stands out), 0 where there is none near.
-        told: rows that lie on a plane, of the whole table.
+        told: rows that lie on the plane of a named surface, of the whole table.
     """
 
     sign: float
@@ -120,7 +120,7 @@ def _make(view: View, sign: float) -> Room | None:
     if not (distances(view) and (view.varies("azimuth_deg") or view.varies("stage_angle_deg"))):
         return None
     dense = _has_grid(view) and not _is_sparse(view)
-    if dense and scene(view) is None:
+    if dense and (scene(view) is None or "surface" not in table.categories):
         return None
     everywhere = directions(view, sign)  # a stage turns rays to where others looked before
     far = table.numbers[f"sim_{distances(view)[0]}"]

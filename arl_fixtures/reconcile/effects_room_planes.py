@@ -54,9 +54,7 @@ class Rays:
 
 
 def planes_about(view: View, rays: Rays, target: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """The vector m of 1/range = m·direction about every ray, (n, 3), and which lie on a plane.
-
-    Those of a named surface if there is one, else those that lie on one with their neighbours.
+    """The vector m of 1/range = m·direction about every ray, (n, 3), and which lie on a plane of a named surface.
 
     Args:
         view: of a table; rays: of it; target: 1/range, NaN where not known or of more than one surface.
@@ -74,8 +72,6 @@ def planes_about(view: View, rays: Rays, target: FloatArray) -> tuple[FloatArray
         slope = _as_met(rays, met_deg, target, slope)
         slope = _level(rays.direction, met_deg, target, slope)
         slope = _upright(rays.direction, met_deg, target, slope)
-    if "surface" not in view.columns.categories:
-        return slope, np.isfinite(target) & (wrong < rays.flat)
     return _of_surfaces(view, rays, target, slope)
 
 
@@ -92,9 +88,11 @@ def _slopes(
     own = np.where(np.isfinite(target), target, 0.0)
     size = np.maximum(np.abs(own), 1e-12)
     good = np.isfinite(values)
-    along = np.einsum("nki,ni->nk", rays, direction)
+    along = np.ones(near.shape)
+    if closest is not None:  # few rays tell how it leans across the own one only: that one's range holds in any case
+        along = np.einsum("nki,ni->nk", rays, direction)
     off = np.where(good, values, own[:, None] * along) - own[:, None] * along
-    lean = rays - along[..., None] * direction[:, None, :]  # what is across the ray: its own range holds in any case
+    lean = rays - along[..., None] * direction[:, None, :]
     weight = good.astype(np.float64)
     slope, rest = np.zeros(direction.shape), np.zeros(own.size)
     for _ in range(_ROUNDS):
@@ -105,7 +103,8 @@ def _slopes(
         left = np.abs(off - np.einsum("nki,ni->nk", lean, slope)) / size[:, None]
         rest = np.median(np.where(good, left, 0.0), axis=1)
         weight = good / (1.0 + (left / np.maximum(2.0 * rest, FLAT)[:, None]) ** 2) ** 2
-    whole = slope + own[:, None] * direction
+    across = np.sum(slope * direction, axis=1)
+    whole = slope + (own - across)[:, None] * direction  # m·d is the own value, the rest of m the slope across
     flattest, wrong = _flattest(whole, direction, rest, own, size, about)
     return np.asarray(whole[flattest]), wrong
 
@@ -165,6 +164,8 @@ def _of_surfaces(
     """
     table = view.columns
     told = np.zeros(target.size, dtype=bool)
+    if "surface" not in table.categories:
+        return slope, told
     code = both(rays.place, table.group("surface")[rays.rows])
     found = slope.copy()
     for surface in np.unique(code):
