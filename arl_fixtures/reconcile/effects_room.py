@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, pure_rows, signals
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column, turns_round
 from arl_fixtures.reconcile.effects_planes import directions
-from arl_fixtures.reconcile.effects_room_planes import FLAT, FLAT_IN_PIXELS, Rays, planes_about
+from arl_fixtures.reconcile.effects_room_planes import FLAT, FLAT_IN_PIXELS, Rays, named_planes, planes_about
 from arl_fixtures.reconcile.effects_scene import gap_of, joins_unlike_rows, pixel_width, scene
 from arl_fixtures.reconcile.effects_still import apart
 from arl_fixtures.reconcile.still_scene import ALIKE
@@ -57,7 +57,7 @@ class Room:
         brighter: signal to how much more of the light the surface beyond sends back than the own one.
         fold: +1 where that plane comes in front beyond an edge (a corner of the room), −1 where the own one ends (a
             corner that stands out), 0 where there is none near.
-        told: rows that lie on the plane of a named surface, of the whole table.
+        told: rows of the whole table of which planes tell all: of a camera's pixels those that see one surface each.
     """
 
     sign: float
@@ -129,7 +129,17 @@ def _make(view: View, sign: float) -> Room | None:
     first = rays[1][rays[0] >= 0]
     if not _FEWEST_RAYS <= first.size <= _MOST_RAYS:
         return None
-    direction = everywhere[first]
+    direction, whole = everywhere[first], _of_one_surface(view)
+    targets, named = {}, {}
+    for name in distances(view):
+        with np.errstate(invalid="ignore", divide="ignore"):
+            target = 1.0 / table.numbers[f"sim_{name}"][first]
+        targets[name] = np.where(np.isfinite(target) & whole[first], target, np.nan)
+        flat = FLAT_IN_PIXELS if dense else FLAT
+        named[name] = named_planes(view, first, direction, place[first], targets[name], flat)
+    on_named = named[distances(view)[0]]
+    if dense and not _leans(on_named):
+        return None
     near = _nearest(view, first, direction, place[first])
     of_code = np.zeros(int(code.max()) + 1, dtype=np.int64)
     of_code[code[first]] = np.arange(first.size)
@@ -139,43 +149,28 @@ def _make(view: View, sign: float) -> Room | None:
     beyond: dict[str, FloatArray] = {}
     sent: dict[str, FloatArray] = {}
     rival, fold = np.arange(first.size), np.zeros(first.size)
-    whole, told = _of_one_surface(view), np.zeros(first.size, dtype=bool)
-    for name in distances(view):
-        with np.errstate(invalid="ignore", divide="ignore"):
-            target = 1.0 / table.numbers[f"sim_{name}"][first]
-        target = np.where(np.isfinite(target) & whole[first], target, np.nan)
-        rays_of = Rays(first, direction, near, place[first], FLAT_IN_PIXELS if dense else FLAT)
-        slope, on_plane = planes_about(view, rays_of, target)
+    for name, target in targets.items():
+        slope = planes_about(view, Rays(first, direction, near), target, named[name])
         if not slopes:
-            told = on_plane
-            if dense and not _leans(slope, told):
-                return None
             rival, fold = _edges(slope, direction, near)
             sent = {signal: _sent_back(view, signal, first, slope, direction) for signal in signals(view)}
         for into, some in ((slopes, slope), (beyond, slope[rival])):
             into[name] = np.where(known[code][:, None], some[of_code[code]], 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         brighter = {signal: (of_ray[rival] / of_ray)[of_code[code]] for signal, of_ray in sent.items()}
-    lies = known[code]
-    return Room(
-        sign, slopes, beyond, brighter, np.where(lies, fold[of_code[code]], 0.0), lies & told[of_code[code]]
-    )
+    told = whole & known[code] & np.isfinite(on_named[:, 0])[of_code[code]] if dense else whole
+    return Room(sign, slopes, beyond, brighter, np.where(known[code], fold[of_code[code]], 0.0), told)
 
 
-def _leans(slope: FloatArray, told: NDArray[np.bool_]) -> bool:
+def _leans(named: FloatArray) -> bool:
     """Whether rays lie on planes and some of these are no upright walls: curves over bearings tell them worse."""
-    up = np.abs(slope[:, 2]) > _LEANING * np.linalg.norm(slope, axis=1)
-    return bool(np.mean(told) > _ON_PLANES and np.mean(up & told) > _SOME_LEAN)
+    leaning = np.abs(named[:, 2]) > _LEANING * np.linalg.norm(named, axis=1)  # of none where there is no plane
+    return bool(np.mean(np.isfinite(named[:, 0])) > _ON_PLANES and np.mean(leaning) > _SOME_LEAN)
 
 
 def on_planes(view: View, room: Room) -> NDArray[np.bool_]:
-    """Rows under work that planes tell all of: of a camera's pixels those that see one surface each."""
-    return per_view(view, ("on planes", room.sign), lambda: _told(view, room)[view.rows])
-
-
-def _told(view: View, room: Room) -> NDArray[np.bool_]:
-    dense = _has_grid(view) and not _is_sparse(view)
-    return _of_one_surface(view) & room.told if dense else _of_one_surface(view)
+    """Rows under work of which the planes of a room tell all."""
+    return per_view(view, ("on planes", room.sign), lambda: room.told[view.rows])
 
 
 def _of_one_surface(view: View) -> NDArray[np.bool_]:

@@ -42,22 +42,20 @@ class Rays:
 
     Attributes:
         rows: of the whole table, (n,); direction: in the room, unit vectors, (n, 3).
-        near: rays next to each, itself first, (n, k); place: where the sensor stands, (n,).
-        flat: relative error of 1/range within which they lie on one plane.
+        near: rays next to each, itself first, (n, k).
     """
 
     rows: IntArray
     direction: FloatArray
     near: IntArray
-    place: IntArray
-    flat: float = FLAT
 
 
-def planes_about(view: View, rays: Rays, target: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """The vector m of 1/range = m·direction about every ray, (n, 3), and which lie on a plane of a named surface.
+def planes_about(view: View, rays: Rays, target: FloatArray, named: FloatArray) -> FloatArray:
+    """The vector m of 1/range = m·direction about every ray, (n, 3).
 
     Args:
         view: of a table; rays: of it; target: 1/range, NaN where not known or of more than one surface.
+        named: planes of its named surfaces, see `named_planes`.
     """
     slope, wrong = _slopes(rays.direction, rays.near, target)
     closer, less = _slopes(rays.direction, rays.near, target, _CLOSEST)  # narrow boards, few rays on each
@@ -72,7 +70,7 @@ def planes_about(view: View, rays: Rays, target: FloatArray) -> tuple[FloatArray
         slope = _as_met(rays, met_deg, target, slope)
         slope = _level(rays.direction, met_deg, target, slope)
         slope = _upright(rays.direction, met_deg, target, slope)
-    return _of_surfaces(view, rays, target, slope)
+    return np.where(np.isfinite(named), named, slope)
 
 
 def _slopes(
@@ -155,38 +153,40 @@ def _upright(direction: FloatArray, met_deg: FloatArray, target: FloatArray, slo
     return found
 
 
-def _of_surfaces(
-    view: View, rays: Rays, target: FloatArray, slope: FloatArray
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Planes of rays, those of one named surface on one plane where it is one, and of which rays that is so.
+def named_planes(
+    view: View, rows: IntArray, direction: FloatArray, place: IntArray, target: FloatArray, flat: float
+) -> FloatArray:
+    """The vector m about rays of named surfaces that are one plane, (n, 3); NaN about others.
 
     Two rays in a corner of the floor tell nothing of how it lies; those in the other corners do.
+
+    Args:
+        view: of a table; rows, direction: of its rays, see `Rays`; place: where the sensor stands, (n,).
+        target: as of `planes_about`.
+        flat: relative error of 1/range within which rays lie on one plane.
     """
-    table = view.columns
-    told = np.zeros(target.size, dtype=bool)
+    table, found = view.columns, np.full(direction.shape, np.nan)
     if "surface" not in table.categories:
-        return slope, told
-    code = both(rays.place, table.group("surface")[rays.rows])
-    found = slope.copy()
+        return found
+    code = both(place, table.group("surface")[rows])
     for surface in np.unique(code):
         of_it = np.flatnonzero((code == surface) & np.isfinite(target))
-        direction, values = rays.direction[of_it], target[of_it]
+        rays, values = direction[of_it], target[of_it]
         if of_it.size < _FEWEST_ON_SURFACE:
             continue
-        spread = float(np.linalg.svd(direction, compute_uv=False)[-1])
+        spread = float(np.linalg.svd(rays, compute_uv=False)[-1])
         weight = 1.0 / np.maximum(np.abs(values), 1e-12)
         left = np.zeros(of_it.size)
         for _ in range(_ROUNDS):
-            root = weight / (1.0 + (left / rays.flat) ** 2)
-            plane = np.linalg.lstsq(direction * root[:, None], values * root, rcond=None)[0]
-            left = np.abs(direction @ plane - values) * weight
-        on_it = left < rays.flat
+            root = weight / (1.0 + (left / flat) ** 2)
+            plane = np.linalg.lstsq(rays * root[:, None], values * root, rcond=None)[0]
+            left = np.abs(rays @ plane - values) * weight
+        on_it = left < flat
         if np.mean(on_it) <= _ONE_PLANE or spread < _LEAST_SPREAD:
             continue
         if spread > _SPREAD or float(np.sqrt(np.mean(left[on_it] ** 2))) < FLAT * spread / _SPREAD:
             found[of_it[on_it]] = plane
-            told[of_it[on_it]] = True
-    return found, told
+    return found
 
 
 def _flattest(

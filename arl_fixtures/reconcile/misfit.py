@@ -101,11 +101,14 @@ def _worsens_own(problem: Problem, base: Fit, ranked: Ranked) -> bool:
     moved = [d for d in problem.data if ranked.fit.state[d.channel.name] is not base.state[d.channel.name]]
     if all(d.channel.name in own for d in moved):
         return False
-    gain = sum(
-        d.fit_scatter(d.residual(ranked.fit.state))[0] - d.fit_scatter(d.residual(base.state))[0]
-        for d in moved if d.channel.name in own
-    )  # fmt: skip
-    return gain < 0.0
+    return _gain_on([d for d in moved if d.channel.name in own], base, ranked) < 0.0
+
+
+def _gain_on(channels: Sequence[ChannelData], base: Fit, ranked: Ranked) -> float:
+    """What a further effect gains on some channels, the scatters of each at their best."""
+    return sum(
+        d.fit_scatter(d.residual(ranked.fit.state))[0] - d.fit_scatter(d.residual(base.state))[0] for d in channels
+    )
 
 
 def _is_side(term: Term, new: Term) -> bool:
@@ -132,17 +135,11 @@ def _undoes(problem: Problem, base: Fit, ranked: Ranked) -> bool:
         ]
         both = alone[0] + alone[1]
         if float(both @ both) < UNDONE * sum(float(change @ change) for change in alone):
-            return _gain_beside(problem, base, ranked, term) < CLEAR_GAIN
+            beside = set(terms[-1].variant.channels) - set(term.variant.channels)
+            means = [d for d in problem.data if d.channel.name in beside and d.channel.role is not Role.SCATTER]
+            if _gain_on(means, base, ranked) < CLEAR_GAIN:
+                return True
     return False
-
-
-def _gain_beside(problem: Problem, base: Fit, ranked: Ranked, term: Term) -> float:
-    """What a further effect gains on means that are among its own channels and that another effect leaves alone."""
-    own = set(ranked.fit.terms[-1].variant.channels) - set(term.variant.channels)
-    return sum(
-        d.fit_scatter(d.residual(ranked.fit.state))[0] - d.fit_scatter(d.residual(base.state))[0]
-        for d in problem.data if d.channel.name in own and d.channel.role is not Role.SCATTER
-    )  # fmt: skip
 
 
 def _mends_side_effects(problem: Problem, ranked: Ranked) -> bool:

@@ -72,10 +72,9 @@ class TdcNonlinearity(Effect):
             longest = max(min(0.7 * spread, USUAL_M * size), min(0.4 * spread, LONGEST_M * size))
             shortest = max(spread / 30.0, 0.01 * size)
             shortest = min(shortest, max(FASTEST_M * size, spread / MOST_PERIODS, 2.0 * spread / max(distinct, 1)))
-            least, stride = 0.5 * shortest, _stride(view, distance, spread)
-            if ALIASED * stride > least:  # on an even grid a shorter period is as slow as any longer one
-                least = ALIASED * stride
-                shortest = max(shortest, least)
+            # on an even grid a period of less than two strides is one of more
+            least = max(0.5 * shortest, ALIASED * _stride(view, distance, spread))
+            shortest = max(shortest, least)
             if longest <= 1.05 * shortest:
                 continue
             starts = period_starts(shortest, longest, spread, most=MOST_PERIODS)

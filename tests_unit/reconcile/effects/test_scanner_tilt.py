@@ -68,7 +68,7 @@ def test_a_tilted_scanner_sees_its_planes_from_elsewhere(stages, scattered):
     assert np.mean(off < 0.02 * change + 1e-4) > 0.97
 
 
-def test_beams_all_around_have_a_room_with_numbers_or_without():
+def test_a_camera_has_no_room_and_beams_all_around_have_one_with_numbers_or_without():
     view = scanner(1)
     assert room_of(view, 1.0) is not None
     view.columns.numbers["pixel_v"] = np.rint(view.number("elevation_deg"))
@@ -78,6 +78,10 @@ def test_beams_all_around_have_a_room_with_numbers_or_without():
     view.columns.numbers["azimuth_deg"] = 0.4 * whole  # 143°, wider than any lens
     view.columns.memo.clear()
     assert room_of(View(view.columns), 1.0) is not None
+    view.columns.numbers["azimuth_deg"] = 0.2 * whole
+    assert room_of(View(view.columns), 1.0) is not None  # as remembered of the table
+    view.columns.memo.clear()
+    assert room_of(View(view.columns), 1.0) is None
 
 
 def shelves(pitch, seed=4):
