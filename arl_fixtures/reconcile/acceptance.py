@@ -12,7 +12,8 @@ from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.own_driver import driven_by, drives_another_part
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import PIXEL_COLUMNS, Role
-from arl_fixtures.reconcile.screen import FEW_AMPLITUDES, Candidate, Surcharge
+from arl_fixtures.reconcile.scores import FEW_AMPLITUDES, Candidate
+from arl_fixtures.reconcile.screen import Surcharge
 from arl_fixtures.reconcile.step_means import act_apart
 from arl_fixtures.reconcile.terms import Term, forward
 

@@ -26,6 +26,7 @@ from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.report_json import write_json
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.search import Progress as ProgressCall
+from arl_fixtures.reconcile.shared_work import cores, processes
 from arl_fixtures.reconcile.table import load_table, open_table, sha256_of, table_in_batches
 from arl_fixtures.reconcile.view import View
 from arl_fixtures.reconcile.visibility import invisible_effects
@@ -146,7 +147,7 @@ def _scatter_channels(columns: Columns) -> list[str]:
 def reconcile_command(table: Path, out: Path) -> None:
     """Find and name what the simulation left out of an observation TABLE."""
     try:
-        with Bar() as progress:
+        with Bar() as progress, processes(cores()):
             diagnosis = reconcile(table, out, progress)
     except ArlError as error:
         click.echo(str(error), err=True)

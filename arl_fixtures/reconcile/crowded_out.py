@@ -9,7 +9,8 @@ from dataclasses import replace
 from arl_fixtures.reconcile.acceptance import Ranked, is_repeat
 from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.problem import Problem
-from arl_fixtures.reconcile.screen import Candidate, Screening
+from arl_fixtures.reconcile.scores import Candidate
+from arl_fixtures.reconcile.screen import Screening
 
 STRONG_GAIN = 500.0
 """Likelihood gained from which an effect may be so strong that its tangent tells little of it."""

@@ -10,7 +10,7 @@ standard errors does not hide forty right ones.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -122,19 +122,27 @@ def outwards(
         return trial
 
     ratio = FINE_RATIO if len(amplitudes) == 1 else RATIO
+    start = FIRST_SIZE  # then where the direction before was not seen yet: most of what is smaller is not either
     for shape in shapes:
         for direction in directions(len(amplitudes)):
             if not any(_beyond(p, x) for p, x in zip(amplitudes, direction, strict=True)):
-                yield from _along(trials(shape, direction), units, ratio, hopeless)
+                start = yield from _along(trials(shape, direction), units, ratio, hopeless, start)
 
 
-def _along(trial: Callable[[float], Trial], units: int, ratio: float, hopeless: float) -> Iterator[Trial]:
+def _along(
+    trial: Callable[[float], Trial], units: int, ratio: float, hopeless: float, start: float
+) -> Generator[Trial, None, float]:
+    """Trials of growing size, from `start` or less; returns a size from which to start along the next direction."""
     best, at = np.zeros(units + 1), np.zeros(units + 1)
-    size, step, unseen = FIRST_SIZE, RATIO, 0.0
+    while start > FIRST_SIZE and _is_seen(trial(start)):
+        start /= RATIO
+    size, step, unseen = start, RATIO, 0.0
     while size <= LAST_SIZE:
         found = trial(size)
         yield found
-        seen = float(found[1] @ found[1]) > SEEN
+        seen = _is_seen(found)
+        if step == RATIO and not seen:
+            start = size
         if step > ratio and seen:
             size, step = size * ratio / step, ratio  # back to where it was not seen yet
             continue
@@ -150,7 +158,7 @@ def _along(trial: Callable[[float], Trial], units: int, ratio: float, hopeless: 
         size *= step
     first = int(np.argmax(best))
     if best[first] <= 0.0:
-        return
+        return start
     for inner, outer in ((at[first], at[first] * step), (at[first], at[first] / step)):
         good, bad = float(inner), float(outer)
         for _ in range(HALVINGS):
@@ -161,6 +169,11 @@ def _along(trial: Callable[[float], Trial], units: int, ratio: float, hopeless: 
                 good, best[first] = middle, found[2][first]
             else:
                 bad = middle
+    return start
+
+
+def _is_seen(trial: Trial) -> bool:
+    return float(trial[1] @ trial[1]) > SEEN
 
 
 def _first_crossings(trial: Callable[[float], Trial], unseen: float, seen: float) -> Iterator[tuple[float, Trial]]:
@@ -169,7 +182,7 @@ def _first_crossings(trial: Callable[[float], Trial], unseen: float, seen: float
         middle = float(np.sqrt(unseen * seen))
         found = trial(middle)
         yield middle, found
-        if float(found[1] @ found[1]) > SEEN:
+        if _is_seen(found):
             seen = middle
         else:
             unseen = middle

@@ -11,7 +11,7 @@ from arl_fixtures.reconcile.acceptance import PRICE
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.problem import Problem
-from arl_fixtures.reconcile.screen import unit_labels
+from arl_fixtures.reconcile.scores import unit_labels
 
 
 def constant_z(d: ChannelData, state: State) -> float:

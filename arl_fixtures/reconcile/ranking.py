@@ -15,7 +15,8 @@ from arl_fixtures.reconcile.fit import Fit, finish, fit, within_reach
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.robust import robust_gain
 from arl_fixtures.reconcile.roles import Role
-from arl_fixtures.reconcile.screen import Candidate
+from arl_fixtures.reconcile.scores import Candidate
+from arl_fixtures.reconcile.shared_work import each
 from arl_fixtures.reconcile.side_scatter import Side
 from arl_fixtures.reconcile.small_problem import START_SHARES, steps_alike
 from arl_fixtures.reconcile.terms import Term, forward
@@ -41,15 +42,23 @@ def rank(full: Problem, small: Problem, base: Fit, candidates: Sequence[Candidat
     price = PRICE * len(base.keys)
     rough: list[tuple[float, Candidate, Fit]] = []
     before = small.log_likelihood(forward(base.terms, small.view), lost=float(len(base.keys)))
-    for candidate in candidates:
-        trial = _best_start(small, base, candidate)
+    known = _held(full, small, base, candidates)
+    trials = each(lambda c: _best_start(small, base, c), candidates, known)
+    for candidate, trial in zip(candidates, trials, strict=True):
         gain = trial.log_likelihood - before - PRICE * len(trial.keys) + price
         rough.append((gain, candidate, trial))
     rough.sort(key=lambda item: -item[0])
     rounds = 2 if small is full else 4
-    result = [_as_scatters_say(full, base, c, trial.terms, rounds) for _, c, trial in rough[:POLISHED]]
+    result = each(lambda one: _as_scatters_say(full, base, one[1], one[2].terms, rounds), rough[:POLISHED], known)
     result.sort(key=lambda r: -r.gain)
     return result
+
+
+def _held(full: Problem, small: Problem, base: Fit, candidates: Sequence[Candidate]) -> list[object]:
+    """What fits share with what stands, and are asked whether they do: effects, untouched channels, starts."""
+    terms = [*base.terms, *(c.term for c in candidates)]
+    arrays = [*base.state.values(), *full.view.sim.values(), *small.view.sim.values()]
+    return [*candidates, *terms, *(t.effect for t in terms), *(t.variant for t in terms), *arrays]
 
 
 def polished(full: Problem, base: Fit, candidate: Candidate, terms: tuple[Term, ...], *, rounds: int) -> Ranked:

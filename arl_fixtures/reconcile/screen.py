@@ -1,49 +1,24 @@
-"""Which effects could explain what is left: score tests with tangents, and how large the best would be by chance.
+"""Which effects could explain what is left, best first, and how large the best would be by chance.
 
-A tangent is the whitened change of the corrected simulation when an amplitude is switched on by a small step. The
-gain of log-likelihood of a variant is that of its amplitudes on the residual; a variant with shapes is tried at the
-product of its starts. Each is tried on all units together and on each unit alone. The distribution of the largest
-gain without any mismatch is simulated with the very same tangents: the price of looking at so many things at once.
+The distribution of the largest gain without any mismatch is simulated with the very same looks: the price of looking
+at so many things at once.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.derived_rays import as_the_table_says
-from arl_fixtures.reconcile.direct import loss, outwards, undiminished
-from arl_fixtures.reconcile.effect import Effect, Kind, State, Variant
-from arl_fixtures.reconcile.effects_pointing import by_whole_pixels
+from arl_fixtures.reconcile.effect import Effect, Kind, Variant
 from arl_fixtures.reconcile.problem import Problem
-from arl_fixtures.reconcile.screen_sums import UnitSums, by_chance, choices_of, solve_amplitudes
-from arl_fixtures.reconcile.terms import Term, beside, default_values, forward
-
-MAX_STARTS, MAX_PRODUCTS = 12, 16
-DRAWS = 100
-BY_CHANCE = 120.0
-"""Squared change beyond which no chance lets a finite trial gain."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Candidate:
-    """A variant with its best start and what it promises.
-
-    Attributes:
-        term: with amplitudes at the linear estimate.
-        gain: log-likelihood gained, linear.
-        free: number of free parameters.
-    """
-
-    term: Term
-    gain: float
-    free: int
-
+from arl_fixtures.reconcile.scores import DRAWS, Candidate, Scorer, is_search
+from arl_fixtures.reconcile.shared_work import each
+from arl_fixtures.reconcile.terms import Term, default_values, forward
 
 LEAST_GAIN = 4.0
 """Log-likelihood that any name must gain."""
@@ -148,45 +123,6 @@ def all_variants(
     return found
 
 
-def starts_of(variant: Variant) -> Iterator[dict[str, float]]:
-    """The starts of a single shape, which its effect chose; of several their products, at most `MAX_PRODUCTS`."""
-    shapes = variant.shapes()
-    products = list(itertools.product(*(p.starts for p in shapes)))
-    if len(shapes) > 1 and len(products) > MAX_PRODUCTS:
-        chosen = np.unique(np.linspace(0, len(products) - 1, MAX_PRODUCTS).astype(int))
-        products = [products[i] for i in chosen]
-    for product in products:
-        yield dict(zip((p.name for p in shapes), product, strict=True))
-
-
-FEW_AMPLITUDES, MANY_PRICE = 3, 1.4
-"""Amplitudes beyond which each costs this: the thousandth of chi2/2 grows by 1.0 a degree of freedom, and what is
-common stays the measure of chance."""
-
-
-def is_search(variant: Variant) -> bool:
-    """Whether a variant is tried along a shape from more starts than products of shapes are."""
-    shapes = variant.shapes()
-    return len(shapes) == 1 and len(shapes[0].starts) > MAX_STARTS
-
-
-def tangents_of(problem: Problem, others: Sequence[Term], base: State, term: Term) -> FloatArray:
-    """Whitened change per typical size of each amplitude at the term's shapes, shape (amplitudes, stacked rows)."""
-    rows = []
-    tried = beside(others, term, problem.view)
-    for p in term.variant.amplitudes():
-        if p.per:
-            continue
-        step = 0.1 * p.typical
-        null = p.null if p.null is not None else 0.0
-        if not p.low <= null + step <= p.high:
-            step = -step
-        values = {q.name: (q.null if q.null is not None else 0.0) for q in term.variant.amplitudes()}
-        trial = term.with_values({**term.values, **values, p.name: null + step})
-        rows.append(problem.whiten_change(base, tried(trial)) / (step / p.typical))
-    return np.stack(rows)
-
-
 def screen(
     problem: Problem,
     variants: Sequence[tuple[Effect, Variant]],
@@ -204,125 +140,14 @@ def screen(
         with_chance: simulate the largest gain without a mismatch (costs about as much again).
         seed: of that simulation.
     """
-    base = forward(others, problem.view)
-    residual = problem.whiten_state(base)
-    column, labels = unit_labels(problem)
-    restricted = len(labels) > 1
-    unit = problem.codes(problem.groups.unit)
-    if not restricted:
-        unit = np.zeros_like(unit)
-    taken = {term.variant.label for term in others}
-    noise = (
-        np.random.default_rng(seed).standard_normal((DRAWS, len(residual))).astype(np.float32)
-        if with_chance
-        else None
-    )
-    by_unit = UnitSums(residual, unit, len(labels), noise)
-    at_once = UnitSums(residual, np.zeros_like(unit), 1, noise)
-    best_by_chance, best_by_search, best_alone = np.zeros(DRAWS), np.zeros(DRAWS), np.zeros(DRAWS)
-    found: list[Candidate] = []
-    for effect, variant in variants:
-        if variant.label in taken and not effect.several:
-            continue
-        if variant.rough and any(term.variant.rough for term in others):
-            continue  # what one displacement leaves at edges is its own error, not a second one
-        if _looks_elsewhere(effect, variant) and any(_looks_elsewhere(t.effect, t.variant) for t in others):
-            continue
-        alone = restricted and not effect.shared and column not in variant.where  # else one unit's at another unit
-        best: dict[str, Candidate] = {}
-        for shapes in starts_of(variant):
-            term = Term(effect=effect, variant=variant, values={**default_values(variant), **shapes})
-            tangents = tangents_of(problem, others, base, term)
-            sums = by_unit if alone else at_once
-            grams, scores = sums(tangents)
-            whole = np.sum(grams, axis=0)
-            if not np.any(np.diag(whole) > 1e-6):
-                continue
-            for label, gram, score in choices_of(grams, scores, labels if alone else ("",)):
-                amplitude, gain = solve_amplitudes(gram, score, variant)
-                gain = max(gain - handicap_of(variant), 0.0)
-                if gain > (best[label].gain if label in best else 0.0):
-                    values = dict(term.values)
-                    for p, x in zip(variant.amplitudes(), amplitude, strict=True):
-                        values[p.name] = float(np.clip((p.null or 0.0) + x * p.typical, p.low, p.high))
-                    placed = Term(
-                        effect=effect, variant=variant, values=values, unit=label, unit_column=column if label else ""
-                    )
-                    best[label] = Candidate(term=placed, gain=gain, free=len(term.free()))
-            if noise is not None:
-                drawn = sums.by_chance(tangents)
-                largest = best_by_search if is_search(variant) else best_by_chance
-                np.maximum(largest, by_chance(np.sum(drawn, axis=0), whole) - handicap_of(variant), out=largest)
-                if alone and not is_search(variant):
-                    for gram, score in zip(grams, drawn, strict=True):
-                        np.maximum(best_alone, by_chance(score, gram) - handicap_of(variant), out=best_alone)
-        if variant.rough:
-            places = (unit, labels, column) if alone else (np.zeros_like(unit), ("",), "")
-            with undiminished(problem):
-                whole = problem.whiten_state(base)
-                best = _rough(problem, others, base, whole, effect, variant, best, places, noise, best_by_chance)
-        found.extend(best.values())
-    found.sort(key=lambda c: (-c.gain, c.term.label))
-    return Screening(
-        candidates=tuple(found), chance=np.sort(best_by_chance), wide=np.sort(best_by_search),
-        alone=np.sort(best_alone),
-    )  # fmt: skip
-
-
-def _looks_elsewhere(effect: Effect, variant: Variant) -> bool:
-    """Whether a variant moves rays over the edges of a simulation that looks through a few sharp ones."""
-    return effect.displaces and (variant.rough or by_whole_pixels(variant))
-
-
-def _rough(
-    problem: Problem,
-    others: Sequence[Term],
-    base: State,
-    residual: FloatArray,
-    effect: Effect,
-    variant: Variant,
-    linear: dict[str, Candidate],
-    places: tuple[IntArray, tuple[str, ...], str],
-    noise: NDArray[np.float32] | None,
-    best_by_chance: FloatArray,
-) -> dict[str, Candidate]:
-    """Candidates of a rough variant by finite trials; a linear estimate is kept where it holds at its full size."""
-    unit, labels, column = places
-    best: dict[str, Candidate] = {}
-    for candidate in linear.values():
-        state = forward([*others, candidate.term], problem.view)
-        gain = float(np.sum(loss(residual) - loss(residual - problem.whiten_change(base, state))))
-        if gain > 0.0:
-            best[candidate.term.unit] = replace(candidate, gain=gain)
-    term = Term(effect=effect, variant=variant, values=default_values(variant))
-    for values, change, gains in outwards(
-        problem, others, base, term, list(starts_of(variant)), unit, len(labels)
-    ):  # fmt: skip
-        named = zip((*labels, ""), gains.tolist(), strict=True) if labels[0] else [("", float(gains[-1]))]
-        for label, gain in named:
-            if gain > (best[label].gain if label in best else 0.0):
-                placed = replace(term, values=values, unit=label, unit_column=column if label else "")
-                best[label] = Candidate(term=placed, gain=gain, free=len(placed.free()))
-        power = float(change @ change)
-        if noise is not None and 1e-6 < power < BY_CHANCE:
-            scores = np.asarray(noise @ change.astype(np.float32), dtype=np.float64)
-            np.maximum(best_by_chance, scores - 0.5 * power, out=best_by_chance)
-    return best
-
-
-def unit_labels(problem: Problem) -> tuple[str, tuple[str, ...]]:
-    """The one category column that makes the calibration unit, and its labels in the order of the unit code."""
-    columns = problem.groups.unit_columns
-    if len(columns) != 1 or columns[0] not in problem.columns.categories:
-        return "", ("",)
-    codes, labels = problem.columns.categories[columns[0]]
-    unit = problem.groups.unit
-    first = np.unique(unit, return_index=True)[1]
-    return columns[0], tuple(labels[codes[i]] for i in first)
-
-
-def handicap_of(variant: Variant) -> float:
-    """What a variant of many amplitudes gives up, so that chance finds no more in it than in others."""
-    return MANY_PRICE * max(sum(not p.per for p in variant.amplitudes()) - FEW_AMPLITUDES, 0)
-
-
+    scorer = Scorer(problem, others, seed if with_chance else None)
+    wanted = [one for one in variants if scorer.asks(*one)]
+    wanted.sort(key=lambda one: not one[1].rough)  # these take longest
+    found = each(scorer, wanted, known=itertools.chain.from_iterable(wanted))
+    candidates = [c for one in found for c in one.candidates]
+    candidates.sort(key=lambda c: (-c.gain, c.term.label))
+    chance, wide, alone = np.zeros(DRAWS), np.zeros(DRAWS), np.zeros(DRAWS)
+    for one in found:
+        chance, wide = np.maximum(chance, one.chance), np.maximum(wide, one.wide)
+        alone = np.maximum(alone, one.alone)
+    return Screening(candidates=tuple(candidates), chance=np.sort(chance), wide=np.sort(wide), alone=np.sort(alone))

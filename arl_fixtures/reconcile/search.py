@@ -48,7 +48,8 @@ from arl_fixtures.reconcile.ranking import POLISHED, polished, rank
 from arl_fixtures.reconcile.readings import smooth_readings
 from arl_fixtures.reconcile.sampling import draw_rows
 from arl_fixtures.reconcile.scattered import more_than_rows
-from arl_fixtures.reconcile.screen import Candidate, Screening, Surcharge, all_variants, screen
+from arl_fixtures.reconcile.scores import Candidate
+from arl_fixtures.reconcile.screen import Screening, Surcharge, all_variants, screen
 from arl_fixtures.reconcile.settling import gains_of, in_each_place, settle, shortlist
 from arl_fixtures.reconcile.small_problem import small_part, steps_alike
 from arl_fixtures.reconcile.terms import Term, forward

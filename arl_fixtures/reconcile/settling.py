@@ -13,7 +13,8 @@ from arl_fixtures.reconcile.misfit import is_misfit
 from arl_fixtures.reconcile.noise import scale_of
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import Role
-from arl_fixtures.reconcile.screen import Candidate, screen
+from arl_fixtures.reconcile.scores import Candidate
+from arl_fixtures.reconcile.screen import screen
 from arl_fixtures.reconcile.terms import Term, forward
 
 if TYPE_CHECKING:

@@ -13,7 +13,8 @@ from itertools import product
 from arl_fixtures.reconcile.acceptance import Ranked
 from arl_fixtures.reconcile.own_driver import driven_by
 from arl_fixtures.reconcile.roles import PIXEL_COLUMNS
-from arl_fixtures.reconcile.screen import Candidate, Screening
+from arl_fixtures.reconcile.scores import Candidate
+from arl_fixtures.reconcile.screen import Screening
 from arl_fixtures.reconcile.terms import Term
 
 SECOND_NAME = 2.0

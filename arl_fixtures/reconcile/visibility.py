@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Parameter, Variant
-from arl_fixtures.reconcile.screen import tangents_of
+from arl_fixtures.reconcile.scores import tangents_of
 from arl_fixtures.reconcile.terms import Term, default_values, forward
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import pytest
 from traced_bench import table
 
 from arl_fixtures.reconcile.catalogue import library
-from arl_fixtures.reconcile.screen import starts_of
+from arl_fixtures.reconcile.scores import starts_of
 from arl_fixtures.reconcile.view import View
 
 

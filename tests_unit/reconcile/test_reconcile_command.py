@@ -11,6 +11,7 @@ from click.testing import CliRunner
 
 from arl_fixtures.reconcile import parcels, table
 from arl_fixtures.reconcile.command import predict, reconcile, reconcile_command
+from arl_fixtures.reconcile.shared_work import processes
 
 RIVALS = ("timing.range_walk", "timing.temperature_offset", "timing.clock_scale", "stage.zero_offset")
 """Effects that shift a distance on average, the one that the tables hold among them."""
@@ -116,9 +117,11 @@ def test_the_diagnosis_follows_the_schema(walked):
     jsonschema.validate(json.loads((out / "diagnosis.json").read_text()), json.loads(SCHEMA.read_text()))
 
 
-def test_the_same_table_gives_the_same_bytes(walked, tmp_path):
+@pytest.mark.parametrize("count", [1, 2])
+def test_the_same_table_gives_the_same_bytes(walked, tmp_path, count):
     path, out, diagnosis = walked
-    assert reconcile(path, tmp_path / "again") is not diagnosis
+    with processes(count):
+        assert reconcile(path, tmp_path / "again") is not diagnosis
     for name in ("diagnosis.json", "diagnosis.html"):
         assert (tmp_path / "again" / name).read_bytes() == (out / name).read_bytes()
 
