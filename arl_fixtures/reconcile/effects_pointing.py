@@ -271,7 +271,7 @@ def spread_rays(view: View, state: State, turn: FloatArray, lift: FloatArray) ->
     channel = next(iter(signals(view)), "")
     for sign in (-1.0, 1.0):
         for far_turn, far_lift in ((sign * np.sqrt(3.0) * turn, 0.0), (0.0, sign * np.sqrt(3.0) * lift)):
-            changes = changes_elsewhere(view, far_turn, far_lift)
+            changes = changes_elsewhere(view, far_turn, far_lift, over_borders=False)
             ratio = changes.get(channel, np.ones(view.n))
             ratio = np.clip(np.where(np.isfinite(ratio), ratio, 1.0), 0.01, 100.0) / 6.0
             light = light + ratio
@@ -302,13 +302,19 @@ def _set_seen(
 
 
 def changes_elsewhere(
-    view: View, turn: FloatArray | float, lift: FloatArray | float, *, by_planes: bool = True
+    view: View,
+    turn: FloatArray | float,
+    lift: FloatArray | float,
+    *,
+    by_planes: bool = True,
+    over_borders: bool = True,
 ) -> dict[str, FloatArray]:
     """Ratio of each signal and difference of each distance between the turned ray and the row's own.
 
     Args:
         view: rows under work; turn, lift: of their rays, degrees.
         by_planes: whether planes tell it of the rows that lie on some; else the scene's curves tell all.
+        over_borders: whether what a border in a pixel is known to share moves as well: a blur does not move it.
     """
     found = scene(view)
     if found is None or not found.curves:
@@ -320,7 +326,11 @@ def changes_elsewhere(
     if told.all():
         return planes
     curves = _along_curves(found, view, turn, lift)
-    return {name: np.where(told, change, curves.get(name, change)) for name, change in planes.items()}
+    changes = {name: np.where(told, change, curves.get(name, change)) for name, change in planes.items()}
+    if room.borders is None or not over_borders:
+        return changes
+    known, shared = room.borders.known[view.rows], room.borders.changes(view, turn, lift)
+    return {name: np.where(known, shared.get(name, change), change) for name, change in changes.items()}
 
 
 def _along_curves(

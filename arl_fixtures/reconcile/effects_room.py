@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, pure_rows, signals
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column, turns_round
 from arl_fixtures.reconcile.effects_planes import directions
+from arl_fixtures.reconcile.effects_room_borders import Borders, borders_between
 from arl_fixtures.reconcile.effects_room_planes import FLAT, FLAT_IN_PIXELS, Rays, named_planes, planes_about
 from arl_fixtures.reconcile.effects_scene import gap_of, joins_unlike_rows, pixel_width, scene
 from arl_fixtures.reconcile.effects_still import apart
@@ -58,6 +59,7 @@ class Room:
         fold: +1 where that plane comes in front beyond an edge (a corner of the room), −1 where the own one ends (a
             corner that stands out), 0 where there is none near.
         told: rows of the whole table of which planes tell all: of a camera's pixels those that see one surface each.
+        borders: of a camera's pixels that see two, where the curves do not tell what they see.
     """
 
     sign: float
@@ -66,6 +68,7 @@ class Room:
     brighter: dict[str, FloatArray]
     fold: FloatArray
     told: NDArray[np.bool_]
+    borders: Borders | None = None
 
 
 def room_of(view: View, sign: float) -> Room | None:
@@ -153,13 +156,21 @@ def _make(view: View, sign: float) -> Room | None:
         slope = planes_about(view, Rays(first, direction, near), target, named[name])
         if not slopes:
             rival, fold = _edges(slope, direction, near)
+            if _has_grid(view) and "mixed" in table.categories:
+                inside = _corner(slope, slope[rival], direction) < 0.5 * np.radians(pixel_width(view)[first])
+                fold = np.where(whole[first] & inside, 0.0, fold)  # it would see two surfaces, and sees one
             sent = {signal: _sent_back(view, signal, first, slope, direction) for signal in signals(view)}
         for into, some in ((slopes, slope), (beyond, slope[rival])):
             into[name] = np.where(known[code][:, None], some[of_code[code]], 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         brighter = {signal: (of_ray[rival] / of_ray)[of_code[code]] for signal, of_ray in sent.items()}
     told = whole & known[code] & np.isfinite(on_named[:, 0])[of_code[code]] if dense else whole
-    return Room(sign, slopes, beyond, brighter, np.where(known[code], fold[of_code[code]], 0.0), told)
+    borders = None
+    if _has_grid(view) and not dense:
+        about = {name: slope[first] for name, slope in slopes.items()}
+        borders = borders_between(view, first, direction, about, sent, np.where(known[code], of_code[code], -1))
+    fold = np.where(known[code], fold[of_code[code]], 0.0)
+    return Room(sign, slopes, beyond, brighter, fold, told, borders)
 
 
 def _leans(named: FloatArray) -> bool:
@@ -255,6 +266,13 @@ def _edges(slope: FloatArray, direction: FloatArray, near: IntArray) -> tuple[In
     rows = np.arange(own.size)
     fold = np.where(np.isfinite(away[rows, place]), np.where(front[rows, place], 1.0, -1.0), 0.0)
     return np.asarray(near[rows, place], dtype=np.int64), np.asarray(fold)
+
+
+def _corner(own: FloatArray, other: FloatArray, direction: FloatArray) -> FloatArray:
+    """Angle of rays to where their plane and another one meet, radians, (n,)."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        apart = np.abs(np.sum((other - own) * direction, axis=1)) / np.linalg.norm(other - own, axis=1)
+    return np.asarray(np.where(np.isfinite(apart), apart, np.inf))
 
 
 def _nearest(view: View, rows: IntArray, direction: FloatArray, device: IntArray) -> IntArray:

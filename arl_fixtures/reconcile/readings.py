@@ -136,6 +136,10 @@ def _is_course(noise: FloatArray, images: _Images) -> bool:
 
 def _is_followed(columns: Columns, images: _Images, reading: FloatArray, line: FloatArray) -> bool:
     """Whether a channel that goes with the temperature from step to step goes with its readings' noise as well."""
+    noise = np.nan_to_num(reading - line)
+    square = float(noise @ noise)
+    if square == 0.0:
+        return False  # each reading lies on its line
     for channel in columns.channels:
         if channel.role is Role.SCATTER:
             continue
@@ -150,9 +154,7 @@ def _is_followed(columns: Columns, images: _Images, reading: FloatArray, line: F
         mean = np.bincount(images.image[known], rest[known], minlength=len(images.first)) / weight
         between = _less_mean(line, images.step * 0)
         slope = float(between @ mean) / max(float(between @ between), 1e-300)
-        noise = np.nan_to_num(reading - line)
         left = mean - _line(mean, images)
-        square = float(noise @ noise)
         within = float(noise @ left) / square
         error = float(np.std(left)) / np.sqrt(square)
         if abs(within) > SURE * error + abs(within - slope):

@@ -87,3 +87,13 @@ def test_readings_that_were_lost_are_what_the_others_of_their_step_say():
     table.numbers["tof_temperature_c"][lost] = np.nan
     assert smooth_readings(table) == ["tof_temperature_c"]
     assert View(table).number("tof_temperature_c") == pytest.approx(body, abs=1e-6)
+
+
+def test_one_reading_of_a_step_is_that_of_all_its_images():
+    """It scatters about nothing, and nothing can follow its noise."""
+    table, _ = bench(lambda body, _rng: np.floor(body), lambda body, _logged: body)
+    logged = table.numbers["tof_temperature_c"]
+    logged[table.numbers["time_s"] % 600.0 > 0.0] = np.nan
+    assert smooth_readings(table) == ["tof_temperature_c"]
+    first = np.floor(7.0 * table.numbers["step"] - 0.4)
+    assert np.array_equal(View(table).number("tof_temperature_c"), first)
