@@ -168,7 +168,9 @@ def _make(view: View, sign: float) -> Room | None:
     borders = None
     if _has_grid(view) and not dense:
         about = {name: slope[first] for name, slope in slopes.items()}
-        borders = borders_between(view, first, direction, about, sent, np.where(known[code], of_code[code], -1))
+        borders = borders_between(
+            view, first, direction, place[first], about, sent, np.where(known[code], of_code[code], -1)
+        )
     fold = np.where(known[code], fold[of_code[code]], 0.0)
     return Room(sign, slopes, beyond, brighter, fold, told, borders)
 

@@ -26,8 +26,6 @@ _FARTHEST = 16.0
 """Widths of a pixel within which rays of a surface must lie for it to be one of the two."""
 _CONTRAST = 0.05
 """Share of the light by which two surfaces must differ to tell how much a pixel sees of either."""
-_MOST_RAYS = 4000
-"""Rays on the borders of one surface that are compared with each other."""
 _SURE = 0.1
 """Relative error up to which light and range must be those of both surfaces together."""
 
@@ -78,6 +76,7 @@ def borders_between(
     view: View,
     rows: IntArray,
     direction: FloatArray,
+    station: IntArray,
     slopes: dict[str, FloatArray],
     sent: dict[str, FloatArray],
     ray: IntArray,
@@ -87,6 +86,7 @@ def borders_between(
     Args:
         view: of a table.
         rows: of the whole table, one of each different ray, (k,); direction: of these rays, unit vectors, (k, 3).
+        station: of the device that looks along it, (k,).
         slopes: planes about each ray, by distance, (k, 3); sent: what its surface sends back, by signal, (k,).
         ray: which of these each row of the whole table is, −1 where none, (n,).
     """
@@ -94,7 +94,6 @@ def borders_between(
     if not sent or "surface" not in table.categories or not all(map(view.varies, ("pixel_u", "pixel_v"))):
         return None
     pure, surface = pure_rows(view)[rows], table.categories["surface"][0][rows]
-    unit = table.group("dut")[rows]
     plain, mixed = pure & (surface >= 0), np.flatnonzero(~pure & (surface >= 0))
     if not (plain.any() and mixed.size):
         return None
@@ -102,7 +101,7 @@ def borders_between(
     place = np.column_stack([
         np.degrees(np.arctan2(direction[:, 1], direction[:, 0])), np.degrees(np.arcsin(direction[:, 2]))
     ]) / wide  # in pixels  # fmt: skip
-    there = np.column_stack([place, 1e6 * unit])
+    there = np.column_stack([place, 1e6 * station])
     alone = _Alone(view, rows[mixed], direction[mixed], slopes, sent)
     sides, middle = {}, {}
     for one in np.unique(surface[plain]).tolist():
@@ -118,7 +117,7 @@ def borders_between(
     other = _Side.chosen(sides, best)
     near = next(iter(own.far.values())) < next(iter(other.far.values()))
     bounded = np.where(near, surface[mixed], best)  # the border is that of what stands in front
-    lies = _lies(place[mixed], bounded, unit[mixed])
+    lies = _lies(place[mixed], bounded, station[mixed])
     about = np.array([middle.get(one, np.zeros(2)) for one in bounded.tolist()])
     towards = np.sign(about - place[mixed]) * np.where(near, 1.0, -1.0)[:, None]
     across = np.where(np.column_stack([~lies, lies]), towards, 0.0) / wide
@@ -136,14 +135,20 @@ def borders_between(
     )  # fmt: skip
 
 
-def _lies(place: FloatArray, bounded: IntArray, unit: IntArray) -> NDArray[np.bool_]:
+def _lies(place: FloatArray, bounded: IntArray, station: IntArray) -> NDArray[np.bool_]:
     """Whether a border runs level: more rays on borders of the same surface share its height than its bearing."""
     level = np.zeros(len(place), dtype=bool)
-    for one in np.unique(np.column_stack([bounded, unit]), axis=0):
-        here = np.flatnonzero((bounded == one[0]) & (unit == one[1]))[:_MOST_RAYS]
-        close = np.abs(place[here][:, None] - place[here]) < 1.0
-        level[here] = close[..., 1].sum(axis=1) > close[..., 0].sum(axis=1)
+    for one in np.unique(np.column_stack([bounded, station]), axis=0):
+        here = np.flatnonzero((bounded == one[0]) & (station == one[1]))
+        upright, lying = (_close(along) for along in place[here].T)
+        level[here] = lying > upright
     return level
+
+
+def _close(along: FloatArray) -> IntArray:
+    """How many of some places lie within a pixel of each."""
+    ranked = np.sort(along)
+    return np.asarray(np.searchsorted(ranked, along + 1.0) - np.searchsorted(ranked, along - 1.0), dtype=np.int64)
 
 
 @dataclass(frozen=True, slots=True)

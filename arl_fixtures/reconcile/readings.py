@@ -24,6 +24,9 @@ MOST_ALIKE = 0.3
 SURE = 2.0
 """Standard errors by which channels must follow the readings rather than the lines for the readings to stay."""
 
+LEAST_SEEN = 0.5
+"""Share of images that a channel must hold to be asked."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Images:
@@ -115,9 +118,7 @@ def _line(reading: FloatArray, images: _Images) -> FloatArray:
     known = np.isfinite(reading)
     count = np.bincount(images.step, known.astype(float))
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean, when = (
-            np.bincount(images.step, np.where(known, x, 0.0)) / count for x in (reading, images.time)
-        )
+        mean, when = (np.bincount(images.step, np.where(known, x, 0.0)) / count for x in (reading, images.time))
         time, rest = images.time - when[images.step], np.where(known, reading - mean[images.step], 0.0)
     square = np.bincount(images.step, np.where(known, time**2, 0.0))
     slope = np.bincount(images.step, np.nan_to_num(time) * rest) / np.maximum(square, 1e-300)
@@ -136,10 +137,7 @@ def _is_course(noise: FloatArray, images: _Images) -> bool:
 
 def _is_followed(columns: Columns, images: _Images, reading: FloatArray, line: FloatArray) -> bool:
     """Whether a channel that goes with the temperature from step to step goes with its readings' noise as well."""
-    noise = np.nan_to_num(reading - line)
-    square = float(noise @ noise)
-    if square == 0.0:
-        return False  # each reading lies on its line
+    between, count = _less_mean(line, images.step * 0), len(images.first)
     for channel in columns.channels:
         if channel.role is Role.SCATTER:
             continue
@@ -148,15 +146,17 @@ def _is_followed(columns: Columns, images: _Images, reading: FloatArray, line: F
         with np.errstate(divide="ignore", invalid="ignore"):
             rest = (measured - simulated) / simulated if relative else measured - simulated
         known = np.isfinite(rest)
-        weight = np.bincount(images.image[known], minlength=len(images.first))
-        if not np.all(weight > 0):
+        weight = np.bincount(images.image[known], minlength=count)
+        seen = weight > 0  # not where none of an image's rows returned anything
+        noise = np.where(seen, np.nan_to_num(reading - line), 0.0)
+        square = float(noise @ noise)
+        if np.mean(seen) < LEAST_SEEN or square == 0.0:
             continue
-        mean = np.bincount(images.image[known], rest[known], minlength=len(images.first)) / weight
-        between = _less_mean(line, images.step * 0)
-        slope = float(between @ mean) / max(float(between @ between), 1e-300)
-        left = mean - _line(mean, images)
+        mean = np.bincount(images.image[known], rest[known], minlength=count) / np.maximum(weight, 1)
+        slope = float(between[seen] @ mean[seen]) / max(float(between[seen] @ between[seen]), 1e-300)
+        left = np.where(seen, mean - _line(np.where(seen, mean, np.nan), images), 0.0)
         within = float(noise @ left) / square
-        error = float(np.std(left)) / np.sqrt(square)
+        error = float(np.std(left[seen])) / np.sqrt(square)
         if abs(within) > SURE * error + abs(within - slope):
             return True
     return False

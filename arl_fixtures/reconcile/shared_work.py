@@ -7,10 +7,8 @@ a copy; what they find comes back as references to what both sides hold, and as 
 
 from __future__ import annotations
 
-import io
 import multiprocessing
 import os
-import pickle
 import signal
 import sys
 import threading
@@ -20,6 +18,8 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
+
+from arl_fixtures.reconcile.told_results import told_as, told_from
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -77,7 +77,7 @@ def each(work: Callable[[Item], Result], items: Sequence[Item], known: Iterable[
             for index in taken():
                 found.append((index, work(items[index])))
         with suppress(Exception):
-            to.send_bytes(_packed(found, held))
+            to.send_bytes(told_as(found, held))
 
     others = []
     results: dict[int, Result] = {}
@@ -105,31 +105,5 @@ def each(work: Callable[[Item], Result], items: Sequence[Item], known: Iterable[
 def _received(here: Connection, held: dict[int, object]) -> dict[int, Any]:
     """What a process found; nothing where it died."""
     with suppress(EOFError, OSError):
-        return dict(_Unpacker(io.BytesIO(here.recv_bytes()), held).load())
+        return dict(told_from(here.recv_bytes(), held))
     return {}
-
-
-def _packed(found: object, held: dict[int, object]) -> bytes:
-    file = io.BytesIO()
-    _Packer(file, held).dump(found)
-    return file.getvalue()
-
-
-class _Packer(pickle.Pickler):
-    """What a process found, with what both sides hold by its address, which a fork keeps."""
-
-    def __init__(self, file: io.BytesIO, held: dict[int, object]) -> None:
-        super().__init__(file, protocol=pickle.HIGHEST_PROTOCOL)
-        self.held = held
-
-    def persistent_id(self, obj: object) -> int | None:
-        return id(obj) if id(obj) in self.held else None
-
-
-class _Unpacker(pickle.Unpickler):
-    def __init__(self, file: io.BytesIO, held: dict[int, object]) -> None:
-        super().__init__(file)
-        self.held = held
-
-    def persistent_load(self, pid: Any) -> object:  # noqa: ANN401 - as the base class has it
-        return self.held[pid]

@@ -49,6 +49,23 @@ def test_readings_that_the_signal_follows_stay():
     assert not table.smoothed
 
 
+@pytest.mark.parametrize("times", [True, False])
+def test_readings_that_the_signal_follows_stay_where_some_rows_returned_nothing(times):
+    table, _ = bench(noisy, lambda _body, logged: logged)
+    lost = np.random.default_rng(6).random(table.n) < 0.03
+    if times:  # whole images
+        lost = table.numbers["time_s"] % 1200.0 == 40.0
+    else:
+        del table.numbers["time_s"]
+        reading = 7.0 * table.numbers["step"] + np.random.default_rng(7).normal(0.0, 0.3, table.n)
+        table.numbers["tof_temperature_c"] = reading
+        table.numbers["intensity_counts"] = 500.0 * (1.0 - 0.002 * reading) + np.random.default_rng(8).normal(
+            0.0, 0.6, table.n
+        )
+    table.numbers["intensity_counts"][lost] = np.nan
+    assert smooth_readings(table) == []
+
+
 def test_a_temperature_that_swings_within_a_step_stays():
     def swing(body, rng):
         return body + 0.5 * np.sin(2.0 * np.pi * np.arange(FRAMES) / FRAMES) + 0.02 * rng.normal(size=body.shape)
