@@ -17,7 +17,14 @@ from arl_fixtures.reconcile.effects_common import distances, per_table, per_view
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column, turns_round
 from arl_fixtures.reconcile.effects_planes import directions
 from arl_fixtures.reconcile.effects_room_borders import Borders, borders_between
-from arl_fixtures.reconcile.effects_room_planes import FLAT, FLAT_IN_PIXELS, Rays, named_planes, planes_about
+from arl_fixtures.reconcile.effects_room_planes import (
+    FLAT,
+    FLAT_IN_PIXELS,
+    Rays,
+    named_planes,
+    planes_about,
+    sends_back,
+)
 from arl_fixtures.reconcile.effects_scene import gap_of, joins_unlike_rows, pixel_width, scene
 from arl_fixtures.reconcile.effects_still import apart
 from arl_fixtures.reconcile.still_scene import ALIKE
@@ -249,9 +256,8 @@ def _sent_back(view: View, signal: str, rows: IntArray, slope: FloatArray, direc
     if profile is not None:
         rays = (ray_column(view, name)[rows] for name in ("azimuth_deg", "elevation_deg"))
         light = light / np.exp(profile.log(*rays))
-    inverse = np.sum(slope * direction, axis=1)  # cos(incidence) is this over the slope's length
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(light * np.linalg.norm(slope, axis=1) / inverse**3)
+        return np.asarray(light / sends_back(slope, direction))
 
 
 def _edges(slope: FloatArray, direction: FloatArray, near: IntArray) -> tuple[IntArray, FloatArray]:

@@ -3,7 +3,7 @@
 The light of such a pixel is f·A + (1 − f)·B, A and B what it would be of one surface alone, and its range their mean
 by light. Rays beside it tell both surfaces: their planes, and what they send back. So the simulated light tells f,
 and a turn by δ across the border changes f by δ over the pixel's width. Where the border runs is not in a table of
-few pixels: it is taken to stand or to lie, as what lies on the other side of it is found.
+few pixels: it is taken to stand or to lie, as most other borders of its surface do.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from arl_fixtures.reconcile.effects_common import pure_rows
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column
+from arl_fixtures.reconcile.effects_room_planes import sends_back
 from arl_fixtures.reconcile.effects_scene import pixel_width
 from arl_fixtures.reconcile.view import View
 
@@ -52,7 +53,7 @@ class Borders:
     other_far: dict[str, FloatArray]
 
     def changes(self, view: View, turn: FloatArray | float, lift: FloatArray | float) -> dict[str, FloatArray]:
-        """Ratio of each signal and difference of each distance of the rows under work; 1 and 0 where not known."""
+        """Ratio of each signal and difference of each distance of the rows under work; of no meaning elsewhere."""
         rows = view.rows
         moved = self.across[rows, 0] * turn + self.across[rows, 1] * lift
         share = np.clip(self.share[rows] + moved, 0.0, 1.0)
@@ -60,7 +61,7 @@ class Borders:
         for name in self.own:
             own, other = self.own[name][rows], self.other[name][rows]
             changes[name] = 1.0 + (share - self.share[rows]) * (own - other)
-        own, other = (side[next(iter(side))][rows] for side in (self.own, self.other))
+        own, other = (_first(side)[rows] for side in (self.own, self.other))
         for name in self.own_far:
             near, far = self.own_far[name][rows], self.other_far[name][rows]
             with np.errstate(invalid="ignore"):
@@ -115,7 +116,7 @@ def borders_between(
         wrong = np.where(surface[mixed] == one, np.inf, own.mismatch(other))
         best, error = np.where(wrong < error, one, best), np.minimum(error, wrong)
     other = _Side.chosen(sides, best)
-    near = next(iter(own.far.values())) < next(iter(other.far.values()))
+    near = _first(own.far) < _first(other.far)
     bounded = np.where(near, surface[mixed], best)  # the border is that of what stands in front
     lies = _lies(place[mixed], bounded, station[mixed])
     about = np.array([middle.get(one, np.zeros(2)) for one in bounded.tolist()])
@@ -168,14 +169,14 @@ class _Side:
     @classmethod
     def chosen(cls, sides: dict[int, _Side], which: IntArray) -> _Side:
         """Of each ray the side that is chosen for it; NaN where it is none of them."""
-        some = next(iter(sides.values()))
-        index = np.array([list(sides).index(one) if one in sides else -1 for one in which.tolist()])
-        rows = np.arange(index.size)
+        every, numbers = list(sides.values()), np.array(list(sides))
+        index = np.argmax(numbers[:, None] == which, axis=0)
+        rows, there = np.arange(index.size), numbers[index] == which
+        some = every[0]
 
         def pick(values: list[FloatArray]) -> FloatArray:
-            return np.asarray(np.where(index >= 0, np.stack(values)[index, rows], np.nan))
+            return np.asarray(np.where(there, np.stack(values)[index, rows], np.nan))
 
-        every = list(sides.values())
         return cls(
             np.stack([side.rays for side in every])[index, rows], pick([side.pixels for side in every]),
             {name: pick([side.light[name] for side in every]) for name in some.light},
@@ -184,14 +185,14 @@ class _Side:
 
     def share(self, other: _Side) -> FloatArray:
         """Share of the pixel that this side fills beside another one, by the first signal."""
-        mine, theirs = (next(iter(side.light.values())) for side in (self, other))
+        mine, theirs = _first(self.light), _first(other.light)
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.asarray(np.clip((1.0 - theirs) / (mine - theirs), 0.0, 1.0))
 
     def mismatch(self, other: _Side) -> FloatArray:
         """Relative error of the light and the ranges of both together; infinite where they cannot be told."""
         part = self.share(other)
-        mine, theirs = (next(iter(side.light.values())) for side in (self, other))
+        mine, theirs = _first(self.light), _first(other.light)
         wrong = np.abs(part * mine + (1.0 - part) * theirs - 1.0)
         for near, far in zip(self.far.values(), other.far.values(), strict=True):
             wrong = np.maximum(wrong, np.abs(part * mine * near + (1.0 - part) * theirs * far - 1.0))
@@ -218,11 +219,15 @@ class _Alone:
         """Of the surface that some rays see."""
         with np.errstate(invalid="ignore", divide="ignore"):
             inverse = {name: np.sum(slope[rays] * self.direction, axis=1) for name, slope in self.slopes.items()}
-            first = next(iter(inverse))
-            faced = inverse[first] ** 3 / np.linalg.norm(self.slopes[first][rays], axis=1)
+            faced = sends_back(_first(self.slopes)[rays], self.direction)
             light = {name: sent[rays] * faced / self.seen[name] for name, sent in self.sent.items()}
             far = {name: 1.0 / (one * self.seen[name]) for name, one in inverse.items()}
         return _Side(rays, pixels, light, {name: np.where(one > 0.0, one, np.nan) for name, one in far.items()})
+
+
+def _first(kind: dict[str, FloatArray]) -> FloatArray:
+    """Of the first signal or distance, by which all others go."""
+    return next(iter(kind.values()))
 
 
 def _pitch(view: View) -> float:

@@ -50,6 +50,16 @@ class Rays:
     near: IntArray
 
 
+def sends_back(slope: FloatArray, direction: FloatArray) -> FloatArray:
+    """What a ray gets of the light that a plane sends back: cos(incidence) / range², (n,).
+
+    Args:
+        slope: the vectors m of 1/range = m·direction, (n, 3); direction: of the rays, unit vectors, (n, 3).
+    """
+    inverse = np.sum(slope * direction, axis=1)  # cos(incidence) is this over the slope's length
+    return np.asarray(inverse**3 / np.linalg.norm(slope, axis=1))
+
+
 def planes_about(view: View, rays: Rays, target: FloatArray, named: FloatArray) -> FloatArray:
     """The vector m of 1/range = m·direction about every ray, (n, 3).
 
