@@ -115,7 +115,10 @@ def predict(model_dir: Path, table_path: Path, out_file: Path, progress: Progres
         for start in range(0, own, CHUNK):
             part = np.arange(start, min(start + CHUNK, own))
             view = View(columns, None if columns.n <= CHUNK else part)
-            state = corrected_state(model, terms_of(model, view, model_path), view)
+            try:
+                state = corrected_state(model, terms_of(model, view, model_path), view)
+            except DataError as error:
+                raise DataError(f"{table_path}: {error}") from None
             for name in names:
                 if name in state:
                     values = whole.setdefault(f"corrected_{name}", np.full(rows, np.nan))

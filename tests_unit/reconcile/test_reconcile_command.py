@@ -151,7 +151,7 @@ def test_predicting_without_a_driver_names_the_missing_column(walked, tmp_path, 
 
     _, out, _ = walked
     fresh = {n: v for n, v in make_table(9).items() if "intensity" not in n}
-    with pytest.raises(DataError, match="intensity_counts"):
+    with pytest.raises(DataError, match=r"new\.parquet: .*intensity_counts"):
         predict(out, save(tmp_path / "new.parquet", fresh), tmp_path / "p.parquet")
     assert not (tmp_path / "p.parquet").exists()
 
