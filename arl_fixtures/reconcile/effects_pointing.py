@@ -22,7 +22,10 @@ from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illu
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.effects_render import as_simulated, rendered
 from arl_fixtures.reconcile.effects_room import changes_in_room, on_planes, room_of
-from arl_fixtures.reconcile.effects_scene import Scene, curves_over_bearing, gaps_of, pixel_width, scene
+from arl_fixtures.reconcile.effects_room_beams import borders_in_line
+from arl_fixtures.reconcile.effects_room_borders import Borders
+from arl_fixtures.reconcile.effects_scene import Scene, curves_over_bearing, gap_of, gaps_of, pixel_width, scene
+from arl_fixtures.reconcile.effects_still import both, scenes_shown
 from arl_fixtures.reconcile.effects_sweep import along_sweep
 from arl_fixtures.reconcile.view import IntArray, View
 
@@ -257,8 +260,12 @@ def look_from(
     room = None if found is None else room_of(view, found.sign)
     if room is None:
         return None
-    level = np.broadcast_arrays(forward, right, np.zeros(view.n))
-    _set_seen(view, state, changes_in_room(view, room, 0.0, 0.0, np.stack(level, axis=1)), 0.0, 0.0)
+    shift = np.stack(np.broadcast_arrays(forward, right, np.zeros(view.n)), axis=1)
+    changes = changes_in_room(view, room, 0.0, 0.0, shift)
+    if room.borders is not None:
+        known, shared = room.borders.known[view.rows], room.borders.changes_beside(view, room.sign, shift)
+        changes = {name: np.where(known, shared.get(name, change), change) for name, change in changes.items()}
+    _set_seen(view, state, changes, 0.0, 0.0)
     return on_planes(view, room)
 
 
@@ -321,16 +328,31 @@ def changes_elsewhere(
         return {}
     room = room_of(view, found.sign) if by_planes else None
     if room is None:
-        return _along_curves(found, view, turn, lift)
-    told, planes = on_planes(view, room), changes_in_room(view, room, turn, lift)
-    if told.all():
-        return planes
-    curves = _along_curves(found, view, turn, lift)
-    changes = {name: np.where(told, change, curves.get(name, change)) for name, change in planes.items()}
-    if room.borders is None or not over_borders:
+        changes = _along_curves(found, view, turn, lift)
+        borders = per_table(view, "borders on curves", lambda: _coarsely_seen(view, found))
+    else:
+        told, changes, borders = on_planes(view, room), changes_in_room(view, room, turn, lift), room.borders
+        if not told.all():
+            curves = _along_curves(found, view, turn, lift)
+            changes = {name: np.where(told, change, curves.get(name, change)) for name, change in changes.items()}
+    if borders is None or not over_borders:
         return changes
-    known, shared = room.borders.known[view.rows], room.borders.changes(view, turn, lift)
+    known, shared = borders.known[view.rows], borders.changes(view, turn, lift)
     return {name: np.where(known, shared.get(name, change), change) for name, change in changes.items()}
+
+
+_FINE = 0.2
+"""Share of a pixel's width between the samples of a curve up to which it tells how borders cross a pixel."""
+
+
+def _coarsely_seen(view: View, found: Scene) -> Borders | None:
+    """The borders in pixels and beams, where the positions of a stage do not sample a curve finely enough."""
+    if "pixel_u" in view.columns.numbers:
+        fine = _FINE * float(np.median(pixel_width(view)))
+        if gap_of(found.line, found.bearing) < fine:
+            return None
+    device = view.columns.group("dut")
+    return borders_in_line(view, device if view.varies("stage_angle_deg") else both(device, scenes_shown(view)))
 
 
 def _along_curves(

@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, pure_rows, signals
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column, turns_round
 from arl_fixtures.reconcile.effects_planes import directions
+from arl_fixtures.reconcile.effects_room_beams import borders_in_line
 from arl_fixtures.reconcile.effects_room_borders import Borders, borders_between
 from arl_fixtures.reconcile.effects_room_planes import (
     FLAT,
@@ -178,7 +179,11 @@ def _make(view: View, sign: float) -> Room | None:
         borders = borders_between(
             view, first, direction, place[first], about, sent, np.where(known[code], of_code[code], -1)
         )
+    if not _has_grid(view):
+        borders = borders_in_line(view, place)
     fold = np.where(known[code], fold[of_code[code]], 0.0)
+    if borders is not None:
+        fold = np.where(borders.known, 0.0, fold)
     return Room(sign, slopes, beyond, brighter, fold, told, borders)
 
 

@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from arl_fixtures.reconcile.effects_common import pure_rows
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column
+from arl_fixtures.reconcile.effects_planes import directions
 from arl_fixtures.reconcile.effects_room_planes import sends_back
 from arl_fixtures.reconcile.effects_scene import pixel_width
 from arl_fixtures.reconcile.view import View
@@ -70,6 +71,30 @@ class Borders:
                     for part in (self.share[rows], share)
                 )
             changes[name] = view.sim[name] * (after - before)
+        return changes
+
+    def changes_beside(self, view: View, sign: float, shift: FloatArray) -> dict[str, FloatArray]:
+        """The same for rays that start elsewhere.
+
+        A border is that of the surface in front: it moves as by a turn of shift / range. Both surfaces come
+        nearer by what the ray's start moves along it, however they lean: that is little beside the border.
+
+        Args:
+            view: rows under work; sign: of the room; shift: in it, (n, 3) in the unit of the first distance.
+        """
+        rows, name = view.rows, next(iter(self.own_far))
+        range_ = view.sim[name] * np.minimum(self.own_far[name][rows], self.other_far[name][rows])
+        ray = directions(view, sign)[rows]
+        x, y, z = ray.T
+        level = np.maximum(np.hypot(x, y), 1e-9)
+        along = np.sum(shift * ray, axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            turn = np.degrees((shift[:, 1] * x - shift[:, 0] * y) / (level**2 * range_))
+            lift = np.degrees((shift[:, 2] - along * z) / (level * range_))
+            nearer = (1.0 - along / view.sim[name]) ** 2
+        changes = self.changes(view, np.nan_to_num(turn), np.nan_to_num(lift))
+        for one, change in changes.items():
+            changes[one] = change - along if one in self.own_far else change / nearer
         return changes
 
 

@@ -46,6 +46,7 @@ class FrameLag(Effect):
 
     * late: X' = (1 − share)·X + share·X at the stage position `frames` earlier in time. Of a sweep that the table
       holds few positions of (`stride_deg`: between two of the whole sweep) that is a stride back the way it came.
+      `mean` tells of distances whether they are means over frames, or of exposures that add up the light of both.
     * settling: frame k (from 0) is taken at `creep`·exp(−k / decay) of the way back to the position before.
     * on the way: where rows are single frames, each shows one place, at `creep`·exp(−t / decay) of that way, t since
       the first frame at its stage angle; t = 0 where an angle has one frame only.
@@ -53,7 +54,7 @@ class FrameLag(Effect):
     * reading: what an autocollimator or an encoder reads holds `share` of the position before, in whatever order
       positions were visited; of an even sweep that is a constant or a backlash.
 
-    A mixture widens the scatter.
+    A mixture of frames widens the scatter.
     """
 
     id = "acquisition.frame_lag"
@@ -81,6 +82,14 @@ class FrameLag(Effect):
             yield Variant(
                 effect=self.id,
                 options={"frames": frames},
+                parameters=(amplitude("share", "1", 0.0, 1.0, 0.2),),
+                channels=scanned_channels(view),
+                drivers=drivers,
+            )
+        if signals(view) and distances(view):
+            yield Variant(
+                effect=self.id,
+                options={"frames": 1, "mean": "by light"},
                 parameters=(amplitude("share", "1", 0.0, 1.0, 0.2),),
                 channels=scanned_channels(view),
                 drivers=drivers,
@@ -167,17 +176,24 @@ class FrameLag(Effect):
             held = _held(variant, view, missing)
         elif missing.any():
             turn_stage(view, there, missing)
+        seen: dict[str, FloatArray] = {}
         for name in (*signals(view), *distances(view)):
-            own = state[name]
-            before = view.acquired_before(state, name, frames=frames)
+            seen[name] = view.acquired_before(state, name, frames=frames)
             if missing.any():
                 told = there[name] if held is None else view.seen_elsewhere(state, name, held)
-                before = np.where(missing != 0.0, told, before)
+                seen[name] = np.where(missing != 0.0, told, seen[name])
+        by_light: FloatArray | float = share
+        if "mean" in variant.options:
+            name = signals(view)[0]
+            brighter = seen[name] / state[name]
+            by_light = np.nan_to_num(share * brighter / (1.0 - share + share * brighter), nan=share)
+        for name, before in seen.items():
+            own, part = state[name], by_light if name in distances(view) else share
             apart: FloatArray = np.where(np.isfinite(before), before - own, 0.0)
-            state[name] = own + share * apart
+            state[name] = own + part * apart
             scatter = f"{name}_std"
-            if scatter in state:
-                state[scatter] = np.sqrt(state[scatter] ** 2 + share * (1.0 - share) * np.nan_to_num(apart) ** 2)
+            if scatter in state and "mean" not in variant.options:
+                state[scatter] = np.sqrt(state[scatter] ** 2 + part * (1.0 - part) * apart**2)
 
     def unsure(self, variant: Variant, view: View) -> BoolArray | None:
         """Rows of a thinned table whose ray no step holds at the position before."""
@@ -201,7 +217,8 @@ class FrameLag(Effect):
         if "stride_deg" in variant.options:
             way = f"by {variant.options['way']}" if "way" in variant.options else "in the sweep"
             return f"X = (1 - share) * X + share * X[{variant.options['stride_deg']:g} deg back {way}]"
-        return f"X = (1 - share) * X + share * X[{variant.options['frames']} stage position(s) earlier]"
+        law = f"X = (1 - share) * X + share * X[{variant.options['frames']} stage position(s) earlier]"
+        return f"{law}, distances by light" if "mean" in variant.options else law
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Share of stale frames, or how far the stage was from its place."""
@@ -218,8 +235,9 @@ class FrameLag(Effect):
                 f"The stage still settles while frames are taken: at the first it is {values['creep'] * 100:.0f} % "
                 f"of the way back to the position before, {values['decay']:.1f} frames later a third of that."
             )
+        what = "exposure" if "mean" in variant.options else "frames"
         return (
-            f"{values['share'] * 100:.2g} % of the frames of an angle still belong to the stage position "
+            f"{values['share'] * 100:.2g} % of the {what} of an angle still belong to the stage position "
             f"{variant.options['frames']} earlier."
         )
 
