@@ -346,7 +346,13 @@ _FINE = 0.2
 
 
 def _coarsely_seen(view: View, found: Scene) -> Borders | None:
-    """The borders in pixels and beams, where the positions of a stage do not sample a curve finely enough."""
+    """The borders in pixels and beams, where the positions of a stage do not sample a curve finely enough.
+
+    And where it is said which surfaces they see: a curve holds edges of a surface's paint as well, jumps of ranges do
+    not tell these.
+    """
+    if not {"mixed", "surface"} & set(view.columns.categories):
+        return None
     if "pixel_u" in view.columns.numbers:
         fine = _FINE * float(np.median(pixel_width(view)))
         if gap_of(found.line, found.bearing) < fine:

@@ -30,7 +30,7 @@ _CONTRAST = 0.05
 """Share of the light by which two surfaces must differ to tell how much a beam sees of either."""
 _SURE = 0.05
 """Relative error up to which a range must be the mean of both surfaces' by light, or that of the one it shows."""
-_INSIDE = 0.02
+INSIDE = 0.02
 """Share of a beam from which it is said to see a surface."""
 _FEWEST = 6
 """Borders that must be seen to tell how wide beams are."""
@@ -57,52 +57,93 @@ def borders_in_line(view: View, place: IntArray) -> Borders | None:
 
 
 def _find(view: View, place: IntArray) -> Borders | None:
-    table = view.columns
-    stacked = view.varies("elevation_deg") and not view.varies("pixel_v")
-    if not (signals(view) and view.varies("azimuth_deg")) or stacked:
+    if not view.varies("azimuth_deg") or (view.varies("elevation_deg") and not view.varies("pixel_v")):
         return None
-    seen = {name: table.numbers[f"sim_{name}"] for name in (*signals(view), *distances(view))}
-    good = np.all([np.isfinite(values) & (values > 0.0) for values in seen.values()], axis=0)
-    line = both(place, table.group("stage_angle_deg", "pixel_v"))
-    rows, of_row = _each_once(line, ray_column(view, "azimuth_deg"), good)
-    if rows.size < _FEWEST:
+    found = sides_along(view, both(place, view.columns.group("stage_angle_deg", "pixel_v")), "azimuth_deg")
+    if found is None:
         return None
-    beams = _Beams(view, rows, line[rows])
-    beam, left, right = beams.between()
-    if beam.size < _FEWEST:
-        return None
-    logs = {name: np.log(seen[name][rows]) for name in signals(view)}
-    inverse = {name: 1.0 / seen[name][rows] for name in distances(view)}
-    sides = [_Side.of(beams, beam, anchor, logs, inverse) for anchor in (left, right)]
-    share, told = _shares(*sides)
-    known = told & (share > _INSIDE) & (share < 1.0 - _INSIDE)
-    seen_borders = max(np.unique(left[told]).size, 1)
-    filled = np.count_nonzero(known) / ((1.0 - 2.0 * _INSIDE) * seen_borders)
+    known = found.told & (found.share > INSIDE) & (found.share < 1.0 - INSIDE)
+    filled = np.count_nonzero(known) / ((1.0 - 2.0 * INSIDE) * max(np.unique(found.border[found.told]).size, 1))
     if np.count_nonzero(known) < _FEWEST or filled < _FILLED:
         return None
-    width = beams.gap * min(filled, _WIDEST)
-    back = np.full(rows.size, -1)
-    back[beam[known]] = np.flatnonzero(known)
-    of_row = np.where(of_row >= 0, back[of_row], -1)
+    width = found.gap * min(filled, _WIDEST)
+    of_row = found.of_row(known)
     there = of_row >= 0
 
     def spread(values: FloatArray) -> FloatArray:
         return np.asarray(np.where(there, np.nan_to_num(values)[of_row], 0.0))
 
-    turned = np.column_stack([spread(np.full(beam.size, -1.0 / width)), np.zeros(table.n)])  # off the left surface
-    kinds = (side for kind in ("light", "far") for side in (getattr(one, kind) for one in sides))
-    return Borders(
-        there, turned, spread(share), *({name: spread(one) for name, one in kind.items()} for kind in kinds)
-    )
+    turned = spread(np.full(known.size, -1.0 / width))  # off the left surface
+    kinds = [{n: spread(one) for n, one in side.light.items()} for side in (found.left, found.right)]
+    for side in (found.left, found.right):  # ranges that the simulation does not mix stay as they are
+        kinds.append({n: spread(np.where(found.mean[n], one, 1.0)) for n, one in side.far.items()})
+    return Borders(there, np.column_stack([turned, np.zeros_like(turned)]), spread(found.share), *kinds)
 
 
-def _each_once(line: IntArray, azimuth: FloatArray, good: BoolArray) -> tuple[IntArray, IntArray]:
-    """One row of each different beam, by line and bearing, and which of these each row is; −1 where none."""
-    bearing = np.unique(np.rint(azimuth / _SAME_DEG), return_inverse=True)[1].ravel()
-    key = both(line, bearing.astype(np.int64))
+@dataclass(frozen=True, slots=True)
+class Sides:
+    """What beams between two that see one surface each would see of either alone; (m,) each.
+
+    Attributes:
+        left, right: either side, by the line's coordinate.
+        share: of each beam that the left surface fills, by the first signal.
+        told: where light tells it, and the range is one of both or their mean by light.
+        mean: by distance, where it is the mean.
+        border: which beams lie at the same one, as numbers; gap: usual one between beams, in the line's coordinate.
+        beam: of the line's beams, and which of these each row of the whole table is, −1 where none.
+    """
+
+    left: _Side
+    right: _Side
+    share: FloatArray
+    told: BoolArray
+    mean: dict[str, BoolArray]
+    border: IntArray
+    gap: float
+    beam: IntArray
+    beam_of_row: IntArray
+
+    def of_row(self, which: BoolArray) -> IntArray:
+        """Which of the chosen sides each row of the whole table has; −1 where none."""
+        back = np.full(int(self.beam_of_row.max()) + 2, -1)
+        back[self.beam[which]] = np.flatnonzero(which)
+        return np.asarray(back[self.beam_of_row])
+
+
+def sides_along(view: View, line: IntArray, axis: str) -> Sides | None:
+    """The two sides of all beams along lines that may see two surfaces; None where there are few.
+
+    Args:
+        view: of a table; line: that each row lies on, as a number, (n,).
+        axis: column of the bearing, degrees, or of pixels, along it.
+    """
+    table = view.columns
+    if not signals(view):
+        return None
+    seen = {name: table.numbers[f"sim_{name}"] for name in (*signals(view), *distances(view))}
+    good = np.all([np.isfinite(values) & (values > 0.0) for values in seen.values()], axis=0)
+    place = ray_column(view, axis) if axis.endswith("_deg") else np.nan_to_num(table.numbers[axis])
+    rows, beam_of_row = _each_once(line, place, good)
+    if rows.size < _FEWEST:
+        return None
+    beams = _Beams(view, rows, line[rows], place[rows], axis)
+    beam, left, right = beams.between()
+    if beam.size < _FEWEST:
+        return None
+    logs = {name: np.log(seen[name][rows]) for name in signals(view)}
+    inverse = {name: 1.0 / seen[name][rows] for name in distances(view)}
+    one, other = (_Side.of(beams, beam, anchor, logs, inverse) for anchor in (left, right))
+    share, told, mean = _shares(one, other)
+    return Sides(one, other, share, told, mean, left, beams.gap, beam, beam_of_row)
+
+
+def _each_once(line: IntArray, place: FloatArray, good: BoolArray) -> tuple[IntArray, IntArray]:
+    """One row of each different beam, by line and place on it, and which of these each row is; −1 where none."""
+    level = np.unique(np.rint(place / _SAME_DEG), return_inverse=True)[1].ravel()
+    key = both(line, level.astype(np.int64))
     found, first = np.unique(np.where(good, key, -1), return_index=True)
     first = first[found >= 0]
-    rows = first[np.lexsort((azimuth[first], line[first]))]
+    rows = first[np.lexsort((place[first], line[first]))]
     number = np.full(int(key.max()) + 1, -1)
     number[key[rows]] = np.arange(rows.size)
     return np.asarray(rows, dtype=np.int64), np.asarray(number[key])
@@ -111,12 +152,14 @@ def _each_once(line: IntArray, azimuth: FloatArray, good: BoolArray) -> tuple[In
 class _Beams:
     """Beams in the order of their bearing, line by line; (k,) each."""
 
-    def __init__(self, view: View, rows: IntArray, line: IntArray) -> None:
+    def __init__(self, view: View, rows: IntArray, line: IntArray, place: FloatArray, axis: str) -> None:
         table = view.columns
-        self.azimuth = ray_column(view, "azimuth_deg")[rows]
-        beside, apart = np.diff(line) == 0, np.diff(self.azimuth)
+        self.place = place
+        beside, apart = np.diff(line) == 0, np.diff(place)
         self.gap = float(np.median(apart[beside])) if beside.any() else 0.0
-        if "pixel_u" in table.numbers:
+        if axis != "azimuth_deg":
+            beside &= apart == 1.0
+        elif "pixel_u" in table.numbers:
             self.gap = float(np.median(pixel_width(view)))
             beside &= np.abs(np.diff(table.numbers["pixel_u"][rows])) == 1.0
         beside &= apart < _BESIDE * self.gap
@@ -155,9 +198,9 @@ class _Beams:
         behind = np.clip(anchor + way, 0, self.line.size - 1)
         alike = self._same(anchor, behind) & self.pure[behind] & (behind != anchor)
         with np.errstate(invalid="ignore", divide="ignore"):
-            slope = (values[behind] - values[anchor]) / (self.azimuth[behind] - self.azimuth[anchor])
+            slope = (values[behind] - values[anchor]) / (self.place[behind] - self.place[anchor])
         slope = np.where(alike & np.isfinite(slope), slope, 0.0)
-        return np.asarray(values[anchor] + slope * (self.azimuth[beam] - self.azimuth[anchor]))
+        return np.asarray(values[anchor] + slope * (self.place[beam] - self.place[anchor]))
 
 
 def _surfaces(view: View, rows: IntArray, beside: BoolArray) -> tuple[IntArray, BoolArray]:
@@ -194,20 +237,17 @@ class _Side:
         return cls(light, {n: np.where(one > 0.0, one, np.nan) for n, one in far.items()})
 
 
-def _shares(left: _Side, right: _Side) -> tuple[FloatArray, BoolArray]:
-    """Share of each beam that the left surface fills, by the first signal, and where that is told and ranges agree.
-
-    Ranges that simulations do not mix stay as they are: their sides are made the beam's own.
-    """
+def _shares(left: _Side, right: _Side) -> tuple[FloatArray, BoolArray, dict[str, BoolArray]]:
+    """`Sides.share`, `told` and `mean`."""
     a, b = (next(iter(side.light.values())) for side in (left, right))
+    mean: dict[str, BoolArray] = {}
     with np.errstate(invalid="ignore", divide="ignore"):
         share = (1.0 - b) / (a - b)
         told = np.abs(a - b) > _CONTRAST
         for name, near in left.far.items():
             far = right.far[name]
-            mean = np.abs(share * a * near + (1.0 - share) * b * far - 1.0) < _SURE
-            one = np.minimum(np.abs(near - 1.0), np.abs(far - 1.0)) < _SURE
-            told &= mean | one
-            for side in (near, far):
-                side[~mean] = 1.0
-    return np.asarray(share), np.asarray(told)
+            of_both = np.abs(share * a * near + (1.0 - share) * b * far - 1.0)
+            of_one = np.minimum(np.abs(near - 1.0), np.abs(far - 1.0))
+            mean[name] = of_both <= of_one
+            told &= np.minimum(of_both, of_one) < _SURE
+    return np.asarray(share), np.asarray(told), mean

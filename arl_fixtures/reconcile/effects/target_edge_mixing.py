@@ -19,6 +19,7 @@ from arl_fixtures.reconcile.effects_common import (
     shape,
 )
 from arl_fixtures.reconcile.effects_render import ray_echoes, see_area
+from arl_fixtures.reconcile.effects_second_echo import second_echo
 from arl_fixtures.reconcile.effects_surface import at_centre, beyond_border, borders, light_share
 from arl_fixtures.reconcile.roles import Role, per_metre, unit_of
 from arl_fixtures.reconcile.view import View
@@ -40,6 +41,8 @@ class EdgeMixing(Effect):
     * nearest: D += share·(range of the nearer surface − D): the first echo wins.
     * echo, locked: D += share·(peak of both echoes − D): apart by more than the pulse one of them wins, the stronger
       or that of the pixel's centre; closer together they merge.
+    * leak: D += share·w·ΔR / (1 + (ΔR / reach)²), where the simulation shows the range of one of two surfaces: w is
+      the other one's part of the light, ΔR how far it lies behind; what a gate or a peak search lets through of it.
     * range: D takes a share of the other side's range, in proportion to its light (negative: gives some back).
     * both: the other side's light too: more of it is in the pixel than the simulation says.
     * first ray, peak of rays, peak at mean: the same of the rays of a bench that is known: the nearest one; the peak
@@ -82,6 +85,15 @@ class EdgeMixing(Effect):
                 )
         if not borders(view).any():
             return
+        if any(np.isfinite(second_echo(view, name)[0]).any() for name in distances(view)):
+            yield Variant(
+                effect=self.id,
+                options={"kind": "leak"},
+                parameters=(amplitude("share", "1", 0.0, 2.0, 0.2), shape("reach", "m", 0.1, 30.0, 1.0)),
+                channels=distances(view),
+                drivers=tuple(name for name in ("mixed", "surface") if view.has(name)) or ("pixel_u",),
+                where={"mixed": ["true"]} if view.is_category("mixed") else {},
+            )
         channel = view.channel(Role.INTENSITY)
         kinds = (("dominant", "nearest", *_PEAKS, "range") if distances(view) else ()) + (
             ("both",) if channel else ()
@@ -109,6 +121,13 @@ class EdgeMixing(Effect):
         if variant.options["kind"] in _SPREAD:
             area = float(values.get("filled", 1.0)), float(values.get("blur", 0.0))
             see_area(view, state, view.channel(Role.INTENSITY), distances(view), share, *area)
+            return
+        if variant.options["kind"] == "leak":
+            for name in distances(view):
+                part, there = (one[view.rows] for one in second_echo(view, name))
+                gap = there - state[name]
+                moved = share * part * gap / (1.0 + (gap / (float(values["reach"]) * per_metre(unit_of(name)))) ** 2)
+                state[name] = state[name] + np.where(np.isfinite(moved), moved, 0.0)
             return
         if variant.options["kind"] in _OF_RAYS:
             _picked(view, state, share, str(variant.options["kind"]), float(values.get("pulse", 0.0)))
@@ -147,6 +166,8 @@ class EdgeMixing(Effect):
             picked = "range of the nearest ray" if kind == "first ray" else str(kind)
             law = f"where rays differ: distance += share * ({picked} - simulated distance)"
             return law if kind == "first ray" else f"{law}, echoes of length pulse"
+        if kind == "leak":
+            return "at borders: distance += share * w * gap / (1 + (gap / reach)^2), w the part of light from beyond"
         if kind in _PEAKS:
             return "at borders: distance += share * (peak of both surfaces' echoes of length pulse - distance)"
         if kind in ("dominant", "nearest"):
@@ -168,6 +189,11 @@ class EdgeMixing(Effect):
             return (
                 f"Where a pixel sees several ranges, it reports {values['share'] * 100:.0f} % of the way to the "
                 f"{picked} rather than their mean."
+            )
+        if kind == "leak":
+            return (
+                f"Where a pixel sees two surfaces, {values['share'] * 100:.0f} % of the echo that the simulation "
+                f"leaves out pulls the range, less from {values['reach']:.2f} m on."
             )
         if kind in _PEAKS:
             return (
