@@ -254,19 +254,20 @@ def look_from(
         forward, right: of the ray's start along bearing 0 and 90 degrees, in the unit of the first distance.
 
     Returns:
-        Rows of which the planes tell all; None where no planes are known, and nothing has changed.
+        Rows of which planes and borders tell all; None where no planes are known, and nothing has changed.
     """
     found = scene(view)
     room = None if found is None else room_of(view, found.sign)
     if room is None:
         return None
     shift = np.stack(np.broadcast_arrays(forward, right, np.zeros(view.n)), axis=1)
-    changes = changes_in_room(view, room, 0.0, 0.0, shift)
+    changes, told = changes_in_room(view, room, 0.0, 0.0, shift), on_planes(view, room)
     if room.borders is not None:
         known, shared = room.borders.known[view.rows], room.borders.changes_beside(view, room.sign, shift)
         changes = {name: np.where(known, shared.get(name, change), change) for name, change in changes.items()}
+        told = told | known
     _set_seen(view, state, changes, 0.0, 0.0)
-    return on_planes(view, room)
+    return told
 
 
 def spread_rays(view: View, state: State, turn: FloatArray, lift: FloatArray) -> None:

@@ -21,24 +21,26 @@ DRIFT = 2e-4
 FAR, FLOOR, WHITE = 9.0, -1.3, {"wall": 0.4, "floor": 0.2}
 
 
-def seen(u, v, stage_deg, *, focal=1.0, turn_deg=0.0):
+def seen(u, v, stage_deg, *, focal=1.0, turn_deg=0.0, right=0.0):
     """Light, range by light and what each surface fills of pixels; 961 rays each."""
     count = len(NAMES)
     light, moment, share = np.zeros(u.size), np.zeros(u.size), np.zeros((count, u.size))
     steps = (np.arange(ACROSS) - (ACROSS - 1) / 2) / ACROSS
+    turned = np.radians(stage_deg)
+    ahead_of, beside = -right * np.sin(turned), right * np.cos(turned)
     for du in steps:
         for dv in steps:
             x, z = (u + du - (WIDTH - 1) / 2) / (F_PX * focal), ((HEIGHT - 1) / 2 - v - dv) / (F_PX * focal)
             angle = np.arctan(x) + np.radians(stage_deg + turn_deg)
             level = np.hypot(1.0, x)
             rays = np.stack([np.cos(angle) * level, np.sin(angle) * level, z]) / np.sqrt(1.0 + x * x + z * z)
-            best, which, facing = FAR / rays[0], np.zeros(u.size, dtype=int), rays[0]
+            best, which, facing = (FAR - ahead_of) / rays[0], np.zeros(u.size, dtype=int), rays[0]
             down = np.where(rays[2] < 0.0, FLOOR / np.minimum(rays[2], -1e-9), np.inf)
             on = down < best
             best, which, facing = np.where(on, down, best), np.where(on, 1, which), np.where(on, -rays[2], facing)
             for number, (ahead, left, right, low, high, _) in enumerate(BOARDS.values(), start=2):
-                there = ahead / rays[0]
-                y, up = there * rays[1], there * rays[2]
+                there = (ahead - ahead_of) / rays[0]
+                y, up = beside + there * rays[1], there * rays[2]
                 on = (there < best) & (y > left) & (y < right) & (up > low) & (up < high)
                 best, which = np.where(on, there, best), np.where(on, number, which)
                 facing = np.where(on, rays[0], facing)
@@ -99,6 +101,13 @@ def test_a_stage_off_its_zero_moves_borders_within_pixels(channel):
     view = View(strewn(lambda u, v, stage, _: seen(u, v, stage, turn_deg=0.15)[:2], steps=2))
     variant = variant_of(view, "stage.zero_offset", kind="constant")
     assert left_at_borders(view, corrected(view, variant, zero=0.15), channel) < 0.25
+
+
+@pytest.mark.parametrize("channel", ["intensity_counts", "distance_m"])
+def test_a_camera_off_the_axis_sees_borders_elsewhere_in_its_pixels(channel):
+    view = View(strewn(lambda u, v, stage, _: seen(u, v, stage, right=0.012)[:2], steps=2))
+    state = corrected(view, variant_of(view, "stage.eccentricity", frame="sensor"), right=0.012, forward=0.0)
+    assert left_at_borders(view, state, channel) < 0.25
 
 
 def test_a_pixel_that_sees_one_surface_has_no_edge_in_it(expanding):
