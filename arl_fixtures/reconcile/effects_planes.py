@@ -60,6 +60,11 @@ def directions(
     return np.stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)], axis=1)
 
 
+def rays_of(view: View, sign: float) -> FloatArray:
+    """`directions` of the rows under work, (n, 3): looked up in every trial of a fit."""
+    return per_view(view, ("rays", sign), lambda: directions(view, sign)[view.rows])
+
+
 def smooth_part(
     view: View, change: FloatArray, on_plane: FloatArray, reach: FloatArray, turn: FloatArray | float
 ) -> FloatArray:

@@ -358,8 +358,7 @@ def _coarsely_seen(view: View, found: Scene) -> Borders | None:
         fine = _FINE * float(np.median(pixel_width(view)))
         if gap_of(found.line, found.bearing) < fine:
             return None
-    device = view.columns.group("dut")
-    return borders_in_line(view, device if view.varies("stage_angle_deg") else both(device, scenes_shown(view)))
+    return borders_in_line(view, both(view.columns.group("dut"), scenes_shown(view)))
 
 
 def _along_curves(

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, pure_rows, signals
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column, turns_round
-from arl_fixtures.reconcile.effects_planes import directions
+from arl_fixtures.reconcile.effects_planes import directions, rays_of
 from arl_fixtures.reconcile.effects_room_beams import borders_in_line
 from arl_fixtures.reconcile.effects_room_borders import Borders, borders_between
 from arl_fixtures.reconcile.effects_room_planes import (
@@ -67,7 +67,7 @@ class Room:
         fold: +1 where that plane comes in front beyond an edge (a corner of the room), −1 where the own one ends (a
             corner that stands out), 0 where there is none near.
         told: rows of the whole table of which planes tell all: of a camera's pixels those that see one surface each.
-        borders: of a camera's pixels that see two, where the curves do not tell what they see.
+        borders: of beams, and of a camera's pixels, that see two, where the curves do not tell what they see.
     """
 
     sign: float
@@ -102,7 +102,7 @@ def changes_in_room(
     The light of a plane goes with cos(incidence) / range², which the plane tells: a signal's own slope over rays is
     that of the sensor's profile as well, which turns with it.
     """
-    here = per_view(view, "room rays", lambda: directions(view, room.sign)[view.rows])
+    here = rays_of(view, room.sign)
     there = directions(view, room.sign, turn=turn, lift=lift)
     found: dict[str, FloatArray] = {}
     for name, slopes in room.slopes.items():
@@ -174,13 +174,13 @@ def _make(view: View, sign: float) -> Room | None:
         brighter = {signal: (of_ray[rival] / of_ray)[of_code[code]] for signal, of_ray in sent.items()}
     told = whole & known[code] & np.isfinite(on_named[:, 0])[of_code[code]] if dense else whole
     borders = None
-    if _has_grid(view) and not dense:
+    if not _has_grid(view):
+        borders = borders_in_line(view, place)
+    elif not dense:
         about = {name: slope[first] for name, slope in slopes.items()}
         borders = borders_between(
             view, first, direction, place[first], about, sent, np.where(known[code], of_code[code], -1)
         )
-    if not _has_grid(view):
-        borders = borders_in_line(view, place)
     fold = np.where(known[code], fold[of_code[code]], 0.0)
     if borders is not None:
         fold = np.where(borders.known, 0.0, fold)

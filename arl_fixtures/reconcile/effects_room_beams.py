@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from arl_fixtures.reconcile.effects_common import distances, per_table, pure_rows, signals
+from arl_fixtures.reconcile.effects_common import distances, pure_rows, signals
 from arl_fixtures.reconcile.effects_illumination import ray_column
 from arl_fixtures.reconcile.effects_room_borders import Borders
 from arl_fixtures.reconcile.effects_scene import pixel_width
@@ -30,7 +30,7 @@ _CONTRAST = 0.05
 """Share of the light by which two surfaces must differ to tell how much a beam sees of either."""
 _SURE = 0.05
 """Relative error up to which a range must be the mean of both surfaces' by light, or that of the one it shows."""
-INSIDE = 0.02
+_INSIDE = 0.02
 """Share of a beam from which it is said to see a surface."""
 _FEWEST = 6
 """Borders that must be seen to tell how wide beams are."""
@@ -39,7 +39,7 @@ _FILLED, _WIDEST = 0.3, 2.0
 _FARTHEST = 4
 """Beams from one that sees a surface alone to the next from which what lies between is not told."""
 _SAME_DEG = 1e-3
-"""Degrees within which beams are one."""
+"""Degrees, or pixels, within which beams are one."""
 _BESIDE = 1.7
 """Usual gaps between beams within which two lie side by side."""
 
@@ -53,17 +53,13 @@ def borders_in_line(view: View, place: IntArray) -> Borders | None:
     Returns:
         None where beams do not lie in a line, where no signal tells shares, or where too few see two surfaces.
     """
-    return per_table(view, "borders in line", lambda: _find(view, place))
-
-
-def _find(view: View, place: IntArray) -> Borders | None:
     if not view.varies("azimuth_deg") or (view.varies("elevation_deg") and not view.varies("pixel_v")):
         return None
     found = sides_along(view, both(place, view.columns.group("stage_angle_deg", "pixel_v")), "azimuth_deg")
     if found is None:
         return None
-    known = found.told & (found.share > INSIDE) & (found.share < 1.0 - INSIDE)
-    filled = np.count_nonzero(known) / ((1.0 - 2.0 * INSIDE) * max(np.unique(found.border[found.told]).size, 1))
+    known = found.of_both
+    filled = np.count_nonzero(known) / ((1.0 - 2.0 * _INSIDE) * max(np.unique(found.border[found.told]).size, 1))
     if np.count_nonzero(known) < _FEWEST or filled < _FILLED:
         return None
     width = found.gap * min(filled, _WIDEST)
@@ -102,6 +98,11 @@ class Sides:
     gap: float
     beam: IntArray
     beam_of_row: IntArray
+
+    @property
+    def of_both(self) -> BoolArray:
+        """Beams that see both surfaces, of which it is told how much."""
+        return np.asarray(self.told & (self.share > _INSIDE) & (self.share < 1.0 - _INSIDE))
 
     def of_row(self, which: BoolArray) -> IntArray:
         """Which of the chosen sides each row of the whole table has; −1 where none."""

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from arl_fixtures.reconcile.effects_common import pure_rows
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column
-from arl_fixtures.reconcile.effects_planes import directions
+from arl_fixtures.reconcile.effects_planes import rays_of
 from arl_fixtures.reconcile.effects_room_planes import sends_back
 from arl_fixtures.reconcile.effects_scene import pixel_width
 from arl_fixtures.reconcile.view import View
@@ -84,7 +84,7 @@ class Borders:
         """
         rows, name = view.rows, next(iter(self.own_far))
         range_ = view.sim[name] * np.minimum(self.own_far[name][rows], self.other_far[name][rows])
-        ray = directions(view, sign)[rows]
+        ray = rays_of(view, sign)
         x, y, z = ray.T
         level = np.maximum(np.hypot(x, y), 1e-9)
         along = np.sum(shift * ray, axis=1)

@@ -101,7 +101,7 @@ def _make_scene(view: View) -> Scene | None:
     if still:
         bearing = bearing + BEYOND_DEG
     line = _lines(view, bearing) if rays else table.group("dut", "pixel_u", "pixel_v")
-    shown = np.zeros(table.n, dtype=np.int64) if moving else scenes_shown(view)
+    shown = scenes_shown(view)
     line = both(line, shown)
     device = _first_of(line, both(table.group("dut"), shown))
     lines = int(line.max()) + 1

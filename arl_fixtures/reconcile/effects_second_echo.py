@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effects_common import per_table
-from arl_fixtures.reconcile.effects_room_beams import INSIDE, Sides, sides_along
+from arl_fixtures.reconcile.effects_room_beams import Sides, sides_along
 from arl_fixtures.reconcile.effects_still import both, scenes_shown
 from arl_fixtures.reconcile.view import View
 
@@ -26,13 +26,11 @@ def second_echo(view: View, distance: str) -> tuple[FloatArray, FloatArray]:
 def _find(view: View, distance: str) -> tuple[FloatArray, FloatArray]:
     table = view.columns
     part, range_ = np.full(table.n, np.nan), np.full(table.n, np.nan)
-    there = table.group("dut", "stage_angle_deg")
-    if not view.varies("stage_angle_deg"):
-        there = both(there, scenes_shown(view))
+    there = scenes_shown(view)
     for along, across in _AXES:
         if not view.varies(along):
             continue
-        found = sides_along(view, both(there, table.group(across)), along)
+        found = sides_along(view, both(there, table.group("dut", "stage_angle_deg", across)), along)
         if found is None:
             continue
         weight, far, known = _of_the_other(found, distance)
@@ -47,7 +45,7 @@ def _of_the_other(found: Sides, distance: str) -> tuple[FloatArray, FloatArray, 
     """Part of the light and range, in units of the one that is shown, of the other side; and where they are told."""
     lights = [next(iter(side.light.values())) for side in (found.left, found.right)]
     near, far = found.left.far[distance], found.right.far[distance]
-    known = found.told & ~found.mean[distance] & (found.share > INSIDE) & (found.share < 1.0 - INSIDE)
+    known = found.of_both & ~found.mean[distance]
     with np.errstate(invalid="ignore"):
         shows_left = np.abs(near - 1.0) <= np.abs(far - 1.0)
     weight = np.where(shows_left, (1.0 - found.share) * lights[1], found.share * lights[0])

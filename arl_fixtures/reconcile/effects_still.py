@@ -22,13 +22,15 @@ _DIGITS = 3.0
 def scenes_shown(view: View) -> IntArray:
     """Code of the scene that each row of the whole table belongs to; all 0 where there is but one.
 
+    A stage turns a sensor before one scene.
+
     A target on a rail, a board that is turned: the same pixel is simulated at another distance. Images in which all
     pixels keep their distances show the same scene. Where a pixel's distance changes within what the table tells to
     be an image, and at each level of every condition, nothing is told apart.
     """
     table, none = view.columns, np.zeros(view.columns.n, dtype=np.int64)
     far = distances(view)
-    if not far or "pixel_u" not in table.numbers:
+    if not far or "pixel_u" not in table.numbers or view.varies("stage_angle_deg"):
         return none
     simulated = table.numbers[f"sim_{far[0]}"]
     good = np.isfinite(simulated) & (simulated > 0.0)

@@ -91,7 +91,7 @@ class EdgeMixing(Effect):
                 options={"kind": "leak"},
                 parameters=(amplitude("share", "1", 0.0, 2.0, 0.2), shape("reach", "m", 0.1, 30.0, 1.0)),
                 channels=distances(view),
-                drivers=tuple(name for name in ("mixed", "surface") if view.has(name)) or ("pixel_u",),
+                drivers=told or ("pixel_u",),
                 where={"mixed": ["true"]} if view.is_category("mixed") else {},
             )
         channel = view.channel(Role.INTENSITY)
@@ -124,7 +124,7 @@ class EdgeMixing(Effect):
             return
         if variant.options["kind"] == "leak":
             for name in distances(view):
-                part, there = (one[view.rows] for one in second_echo(view, name))
+                part, there = per_view(view, ("second echo", name), partial(_echo_of_rows, view, name))
                 gap = there - state[name]
                 moved = share * part * gap / (1.0 + (gap / (float(values["reach"]) * per_metre(unit_of(name)))) ** 2)
                 state[name] = state[name] + np.where(np.isfinite(moved), moved, 0.0)
@@ -246,6 +246,11 @@ def _climbed(light: FloatArray, ranges: FloatArray, start: FloatArray, width: fl
         echo = light * np.exp(-0.5 * ((ranges - place[:, None]) / width) ** 2)
         place = np.sum(echo * ranges, axis=1) / np.maximum(np.sum(echo, axis=1), 1e-300)
     return place
+
+
+def _echo_of_rows(view: View, name: str) -> tuple[FloatArray, FloatArray]:
+    part, there = second_echo(view, name)
+    return part[view.rows], there[view.rows]
 
 
 def _winner(view: View, name: str, kind: str) -> FloatArray:

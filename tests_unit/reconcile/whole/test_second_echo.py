@@ -47,13 +47,13 @@ def gated(light, far):
     return (wave * inside) @ BINS / (wave * inside).sum(axis=-1)
 
 
-def camera(*, leaks=True, steps=9, seed=3):
-    rng = np.random.default_rng(seed)
+def camera(steps=9):
+    rng = np.random.default_rng(3)
     light, far = echoes()
     total, strongest = light.sum(axis=0), light.argmax(axis=0)
     alone = np.take_along_axis(far, strongest[None], axis=0)[0]
     one = np.where(np.arange(len(light))[:, None, None] == strongest, light, 0.0)
-    bias = gated(light, far) - gated(one, far) if leaks else np.zeros_like(alone)  # bins err in both
+    bias = gated(light, far) - gated(one, far)  # bins err in both
     v, u = np.indices(total.shape)
     error = 0.12 * (total / total.mean()) ** -0.5
     names = np.array(["wall", "near_board", "dark_board", "side_board"])
