@@ -230,7 +230,7 @@ def noise_law(view: View, channel: str) -> tuple[float, float, float]:
         good = good[:: max(1, good.size // _SAMPLE)]
         if good.size < 3:
             return 1.0, 0.0, 0.0
-        scale = max(float(np.max(signal[good])), 1e-300)
+        scale = float(np.max(signal[good])) or 1.0  # a dark simulation's variance is all constant
         x, variance = signal[good] / scale, sigma[good] ** 2
         coefficients = nnls(np.column_stack([np.ones_like(x), x, x * x]) / variance[:, None], np.ones_like(x))[0]
         a, b, c = coefficients / np.array([1.0, scale, scale**2])

@@ -113,7 +113,7 @@ def _strongest(place: FloatArray, score: FloatArray, weight: FloatArray, most: f
     cells = 1 << int(np.ceil(np.log2(_PARTS * _CELLS_OF_TURN * (most + 1.0))))
     cell = np.minimum(np.rint(place * (cells / _PARTS)).astype(np.int64), cells - 1)
     pushed, counted = (np.fft.rfft(np.bincount(cell, x, minlength=cells)) for x in (score, weight))
-    total, shared = float(weight.sum()), float(score.sum())
+    total, shared = max(float(weight.sum()), 1e-300), float(score.sum())  # nothing is told of a dark simulation
     sine, cosine, twice = -counted[order].imag, counted[order].real, counted[2 * order]
     push_sine = -pushed[order].imag - shared * sine / total  # beside a constant
     push_cosine = pushed[order].real - shared * cosine / total
