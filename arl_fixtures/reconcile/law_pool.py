@@ -121,7 +121,7 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
     if signal is not None:  # what is added, not multiplied
         alone = [m.basis for n in names for m in pool.items if m.basis.columns == (n,) and not m.basis.waves][:80]
         pool.add(Basis(axes=(*b.axes, signal), prior=b.prior, price=b.price + 1.0) for b in alone)
-    marks = marks_of(looker)
+    marks = marks_of(work, looker)
     own = [mark for mark in marks if mark.column in units]
     pool.add(_beating(work, own, signal))
     bits = pool.add(of_bits(work, looker, signal))
@@ -304,13 +304,13 @@ def is_mark(factor: Axis, work: Work) -> bool:
     return factor.kind == "is" or len(np.unique(values[np.isfinite(values)])) <= 2
 
 
-def marks_of(looker: Looker) -> list[Axis]:
-    """Functions that are 0 but in one category, or at one of the few levels of a column."""
+def marks_of(work: Work, looker: Looker) -> list[Axis]:
+    """Functions that are 0 but in one category, or at one of the few levels of a column that the rows tell."""
     view = looker.problem.view
     marks: list[Axis] = []
     few: list[Axis] = []
     for name, values in looker.features.items():
-        if name.startswith(("~", "sim_")):
+        if name.startswith(("~", "sim_")) or name not in work.features:
             continue
         if view.is_category(name):
             marks += axes_of(name, values, view.labels(name))

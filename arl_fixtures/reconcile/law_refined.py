@@ -96,7 +96,7 @@ def factors_of(work: Work, looker: Looker, leading: Sequence[str]) -> list[Axis]
     """Marks of categories, lines and hinges of the columns that tell something of their own."""
     view = looker.problem.view
     numeric = [n for n in work.features if not n.startswith(("~", "sim_")) and not view.is_category(n)]
-    factors = marks_of(looker)
+    factors = marks_of(work, looker)
     for name in distinct(work, [*(n for n in leading if n in numeric), *numeric]):
         values = work.features[name]
         if len(np.unique(values[np.isfinite(values)])) > 2:

@@ -234,8 +234,8 @@ def _slopes(features: dict[str, FloatArray], looker: Looker) -> Iterator[Axis]:
     names = [*looker.problem.view.temperatures("tof_temperature_c", "housing_temperature_c")[:2], *SLOPES]
     for name in names:
         if name in features:
-            values = features[name]
-            low, high = float(np.nanmin(values)), float(np.nanmax(values))
+            values = features[name][np.isfinite(features[name])]  # rows of a log among images have no place
+            low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
             if high > low:
                 yield Axis(column=name, kind="linear", middle=0.5 * (low + high), width=high - low)
 

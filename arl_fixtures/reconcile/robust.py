@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy import special, stats
 
-from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.columns import BoolArray, FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.terms import forward
 
 MOST_LEFT = 3.0
@@ -85,8 +86,12 @@ def _hits_few_places(problem: Problem, found: Fit, first: int, change: FloatArra
     A pixel sees the same edge at the same angle in every step: where in the pixel the edge lies is one number that
     all its rows share. A term of as many parameters as there are such places would hit them all: of those that
     displace rays one with several, and one that does the same to a place at all times, whichever device looks at it.
-    What mixes pixels with others acts in few places by its nature.
+    What mixes pixels with others acts in few places by its nature. A temperature is read in no place, whichever
+    pixel's row it stands on.
     """
+    change = np.where(_of_places(problem), change, 0.0)
+    if not np.any(change):
+        return False
     shapes, newest = sum(index >= first for index, _ in found.keys), found.terms[first:]
     if any(term.variant.rough or term.effect.displaces for term in newest):
         gain = _gain_of_places(problem.codes(problem.columns.group("dut", *_PLACE)), change, left)
@@ -102,6 +107,16 @@ def _hits_few_places(problem: Problem, found: Fit, first: int, change: FloatArra
     noise, gain = 4.0 * float(change @ change), _gain_of_places(places, change, left)
     # a place in bright light says much more than the others, and those may still say it, each by itself
     return _places_won(gain, noise) < shapes + SPARE_FIXED and not _others_gain(gain, shapes + int(SPARE_FIXED))
+
+
+def _of_places(problem: Problem) -> BoolArray:
+    """Whether a pixel or a stage angle sees the stacked rows; rows of a log among images have neither."""
+    view = problem.view
+    placed = np.zeros(view.n, dtype=bool)
+    for name in _PLACE:
+        if view.has(name):
+            placed |= np.isfinite(view.number(name))
+    return np.concatenate([placed[d.use] & (d.channel.role is not Role.TEMPERATURE) for d in problem.data])
 
 
 def _gain_of_places(place: IntArray, change: FloatArray, left: FloatArray) -> FloatArray:
