@@ -87,7 +87,8 @@ def find_groups(table: Columns) -> Groups:
     step = _dense(device, table.group(*step_columns)) if step_columns else unit
     name = f"levels of {visits[0]}" if visits else "temperature steps"
     repeated, of_curves = None, False
-    angle = _dense(unit, table.codes_of("stage_angle_deg")) if _few(table, "stage_angle_deg") else None
+    # a stage turns all zones or channels of a device at once
+    angle = _dense(device, table.codes_of("stage_angle_deg")) if _few(table, "stage_angle_deg") else None
     if not step_columns:
         swept = swept_column(table)
         if angle is not None and swept != "time_s":  # every pose once: what a pose shares is what a step shares

@@ -10,6 +10,7 @@ from arl_fixtures.reconcile.consequences import is_back_action, is_within_noise_
 from arl_fixtures.reconcile.followed import followed_law
 from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.law_of_rest import law_of_rest
+from arl_fixtures.reconcile.noise import PARTS_OF_STEPS
 from arl_fixtures.reconcile.rivals import is_structure, lies_where_names_act, says_the_same
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.shared_scatter import Scatter, find_scatter
@@ -83,9 +84,18 @@ def _is_jitter(decision: Decision, scatter: Scatter) -> bool:
 
 
 def _moved(decision: Decision, scatter: Scatter) -> float:
-    """Standard deviation, over a scatter's groups, of what the names and patterns do to its channel."""
+    """Standard deviation, over a scatter's groups, of what the names and patterns do to its channel.
+
+    Over parts of steps beyond what they do to the whole step: what is wrong of that the step's own scatter takes up.
+    """
     d = next(d for d in decision.problem.data if d.channel.name == scatter.channel)
     level = next(level for level in d.levels if level.name == scatter.level)
     named = forward(decision.terms, decision.problem.view)[d.channel.name] - decision.problem.view.sim[d.channel.name]
     count = np.maximum(np.bincount(level.code, minlength=level.count), 1)
-    return float(np.std(np.bincount(level.code, named[d.use], minlength=level.count) / count))
+    moved = np.bincount(level.code, named[d.use], minlength=level.count) / count
+    if scatter.level not in PARTS_OF_STEPS:
+        return float(np.std(moved))
+    step = np.zeros(level.count, dtype=np.int64)
+    step[level.code] = decision.problem.groups.step[decision.problem.view.rows[d.use]]
+    of_step = np.bincount(step, moved) / np.maximum(np.bincount(step), 1)
+    return float(np.std(moved - of_step[step]))
