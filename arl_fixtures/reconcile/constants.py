@@ -236,9 +236,10 @@ def _shrunk(d: ChannelData, residual: FloatArray, sure: float) -> tuple[FloatArr
 def _by_steps(d: ChannelData, residual: FloatArray, step: Level) -> tuple[FloatArray, FloatArray]:
     """Constants of the units from the means of their steps, where these are too few to tell their scatter.
 
-    A single step may be off by itself: its constant tells nothing of others, its error is infinite.
+    A single step may be off by itself: its constant tells nothing of others, its error is infinite. Unless a zero is
+    free as well: whoever fitted that to a unit's signal has fitted the gain beside it.
     """
-    weight = d.root_weight**2
+    weight, both = d.root_weight**2, d.constants(residual)
     values, errors = np.zeros(d.units), np.zeros(d.units)
     for unit in range(d.units):
         rows = d.unit == unit
@@ -249,4 +250,6 @@ def _by_steps(d: ChannelData, residual: FloatArray, step: Level) -> tuple[FloatA
         white = 1.0 / np.sqrt(float(np.sum(power)))
         scatter = float(np.std(means, ddof=1)) / np.sqrt(len(means)) if len(means) > 1 else np.inf
         values[unit], errors[unit] = float(np.sum(sums) / np.sum(power)), max(white, scatter)
+        if len(means) == 1 and d.second is not None:
+            values[unit], errors[unit] = both[unit], white
     return values, errors

@@ -136,6 +136,31 @@ def test_a_single_step_tells_of_a_calibration_by_what_its_findings_make_of_the_m
     assert left < 0.1
 
 
+def test_a_single_step_keeps_the_gain_that_a_user_fitted_beside_a_zero():
+    """Panels before a dim wall gleam by a tenth; a user fits gain and zero to the one recording, mostly of wall."""
+    rng = np.random.default_rng(9)
+    light = np.r_[rng.uniform(60.0, 100.0, 500), rng.uniform(400.0, 2500.0, 200)]
+    sigma = np.sqrt(20.0 + 0.03 * light**1.3)
+    truth = light * (1.0 + 0.1 * (light > 300.0))
+    seen = truth + sigma * rng.normal(size=light.size)
+    fit = np.linalg.lstsq(np.column_stack([light, np.ones(light.size)]) / sigma[:, None], seen / sigma, rcond=None)[0]
+    sim = fit[0] * light + fit[1]
+    problem = Problem(columns_of(pa.table({
+        "step": np.zeros(light.size), "true_range_m": rng.uniform(1.0, 2.0, light.size), "sim_intensity_counts": sim,
+        "sim_intensity_counts_std": sigma, "intensity_counts": seen,
+    })))  # fmt: skip
+    problem.data[0].free_zero()
+    state = problem.view.fresh_state()
+    named = state["intensity_counts"] * np.where(light > 300.0, 1.1, 1.0)
+    decision = SimpleNamespace(
+        problem=problem, final_state=lambda: {**state, "intensity_counts": named}, laws=[], terms=[]
+    )
+    gains = constants_of(decision)
+    gain, zero = gains["intensity_counts"][""], zeros_of(decision, gains)["intensity_counts"][""]
+    foretold = named * (1.0 + gain) + zero
+    assert np.mean(((foretold - truth) / sigma) ** 2) < 0.1 * np.mean(((sim - truth) / sigma) ** 2)
+
+
 def test_a_gain_of_what_is_corrected_is_no_misfit():
     """After a strong effect the user's gain belongs to the corrected value, not to the simulation's."""
     rng = np.random.default_rng(8)
