@@ -34,7 +34,8 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
     would let it, which only a calibration on these rows does; what the findings make of the mean is taken back as far
     as it agrees better than with them. Either way it is no larger than what the findings make
     of the mean of some step: nothing else was there to be calibrated away, and a law's zero shifts no more. Beyond
-    that, and elsewhere, it must be significant. Beside a law that is nil at an arbitrary place it is what rows say.
+    that, and elsewhere, it must be significant. Beside a law that is nil at an arbitrary place it is what rows say,
+    and so it is where a unit was seen in a single step: be it the step's own, the rows to come are of that step.
     """
     problem = decision.problem
     state, untouched = decision.final_state(), problem.view.fresh_state()
@@ -58,6 +59,9 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
                 values = odds.here * mean + odds.elsewhere * taken + odds.never * values
             if d.channel.name in lawful:
                 reach = np.maximum(reach, _span_of(d, before - left))
+            lone, alone = ~np.isfinite(errors), _means(d, left)[1]
+            values = np.where(lone, _less(d.constants(left), sure * alone), values)
+            errors = np.where(lone, alone, errors)
             values = np.where(np.abs(values) > CONSTANT_Z * errors, values, np.clip(values, -reach, reach))
         found: dict[str, float] = {}
         for unit in range(d.units):
@@ -228,18 +232,22 @@ def _shrunk(d: ChannelData, residual: FloatArray, sure: float) -> tuple[FloatArr
     step = d.level("step")
     if step is not None and step.floor > 0.0 and not step.declared:
         values, errors = _by_steps(d, residual, step)
+    return _less(values, sure * errors), errors
+
+
+def _less(values: FloatArray, errors: FloatArray) -> FloatArray:
+    """Each value less the share of it that errors may be."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(values != 0.0, 1.0 - (sure * errors / values) ** 2, 0.0)
-    return values * np.clip(np.nan_to_num(share), 0.0, 1.0), errors
+        share = np.where(values != 0.0, 1.0 - (errors / values) ** 2, 0.0)
+    return np.asarray(values * np.clip(np.nan_to_num(share), 0.0, 1.0))
 
 
 def _by_steps(d: ChannelData, residual: FloatArray, step: Level) -> tuple[FloatArray, FloatArray]:
     """Constants of the units from the means of their steps, where these are too few to tell their scatter.
 
-    A single step may be off by itself: its constant tells nothing of others, its error is infinite. Unless a zero is
-    free as well: whoever fitted that to a unit's signal has fitted the gain beside it.
+    A single step may be off by itself: its constant tells nothing of others, its error is infinite.
     """
-    weight, both = d.root_weight**2, d.constants(residual)
+    weight = d.root_weight**2
     values, errors = np.zeros(d.units), np.zeros(d.units)
     for unit in range(d.units):
         rows = d.unit == unit
@@ -250,6 +258,4 @@ def _by_steps(d: ChannelData, residual: FloatArray, step: Level) -> tuple[FloatA
         white = 1.0 / np.sqrt(float(np.sum(power)))
         scatter = float(np.std(means, ddof=1)) / np.sqrt(len(means)) if len(means) > 1 else np.inf
         values[unit], errors[unit] = float(np.sum(sums) / np.sum(power)), max(white, scatter)
-        if len(means) == 1 and d.second is not None:
-            values[unit], errors[unit] = both[unit], white
     return values, errors

@@ -161,6 +161,27 @@ def test_a_single_step_keeps_the_gain_that_a_user_fitted_beside_a_zero():
     assert np.mean(((foretold - truth) / sigma) ** 2) < 0.1 * np.mean(((sim - truth) / sigma) ** 2)
 
 
+def test_a_single_step_keeps_the_gain_beside_a_law_that_is_nil_at_the_other_end():
+    """A gleam of 2 % head-on that is said as a loss aslant: what rows of this very step show is both together."""
+    rng = np.random.default_rng(4)
+    slant = rng.uniform(0.0, 1.2, 900)
+    light = rng.uniform(300.0, 2000.0, slant.size)
+    sigma, gleam = 0.01 * light, 0.02 * np.exp(-((slant / 0.5) ** 2))
+    truth = light * (1.0 + gleam)
+    problem = Problem(columns_of(pa.table({
+        "step": np.zeros(light.size), "incidence_deg": np.degrees(slant), "sim_intensity_counts": light,
+        "sim_intensity_counts_std": sigma, "intensity_counts": truth + sigma * rng.normal(size=light.size),
+    })))  # fmt: skip
+    state = problem.view.fresh_state()
+    named = state["intensity_counts"] * (1.0 + gleam - 0.02)
+    decision = SimpleNamespace(
+        problem=problem, final_state=lambda: {**state, "intensity_counts": named}, laws=[], terms=[]
+    )
+    gain = constants_of(decision)["intensity_counts"][""]
+    foretold = named * (1.0 + gain)
+    assert np.mean(((foretold - truth) / sigma) ** 2) < 0.05 * np.mean(((light - truth) / sigma) ** 2)
+
+
 def test_a_gain_of_what_is_corrected_is_no_misfit():
     """After a strong effect the user's gain belongs to the corrected value, not to the simulation's."""
     rng = np.random.default_rng(8)
