@@ -20,6 +20,7 @@ from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray, find_c
 from arl_fixtures.reconcile.parcels import batches_of_parcels, drawn_rows, read_rows
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.synonyms import read_as_known
+from arl_fixtures.reconcile.unanswered import take_for_dark
 
 ALWAYS_CATEGORY = frozenset({"dut", "surface", "mixed"})
 _TRUTHS = {"true", "false"}
@@ -150,6 +151,7 @@ def columns_of(table: pa.Table, *, path: Path | str = "table", for_prediction: b
     if not for_prediction:
         _drop_repeats(numbers, categories, [numbers[channel.name] for channel in channels], ignored)
         ceilings = leave_out_ceilings(numbers, tuple(c.name for c in channels), ignored)
+        take_for_dark(numbers, categories, channels, ignored)
     return Columns(len(numbers[channels[0].name]), numbers, categories, channels, ignored, ceilings, given=given)
 
 
