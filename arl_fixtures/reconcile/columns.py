@@ -75,6 +75,7 @@ class Columns:
         ceilings: channel to the end of its scale, where rows stand at it.
         sweep_gap_deg, frame_gap_s: farther apart, rows are no neighbours in the sweep or in time.
         record: code of the record that each row is from, where one cycle's or step's rows come from several.
+        found_on: rows that a model was found on, where others stand beside them; None where all are alike.
         memo: room for what effects compute once per table, under keys of their own.
     """
 
@@ -87,6 +88,7 @@ class Columns:
     sweep_gap_deg: float = np.inf
     frame_gap_s: float = np.inf
     record: IntArray | None = None
+    found_on: BoolArray | None = None
     derived: dict[str, FloatArray] = field(default_factory=dict)
     lens: dict[str, float] = field(default_factory=dict)
     smoothed: dict[str, FloatArray] = field(default_factory=dict)

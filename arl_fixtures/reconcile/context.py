@@ -5,10 +5,11 @@ comes from, what the temperature was an hour ago. Rows to predict may be few (on
 pixels), and then these lie in the table that was reconciled. Its simulated values and conditions stand beside the
 predicted rows; measured values are not kept.
 
-The scene, the beam and the camera of a device are the same in any record. Neighbours in an image, a sweep or in time
-are looked for in one record only: where the predicted rows bear the same device, cycle and step but cannot be from
-that record (the same observation with other values, another condition in a step, other steps at the same time), the
-kept rows count as a record of their own.
+The scene, the beam and the camera of a device are the same in any record. The beam's profile is that of the kept
+rows, as the model was found with it: rows before another scene would bend it. Neighbours in an image, a sweep or in
+time are looked for in one record only: where the predicted rows bear the same device, cycle and step but cannot be
+from that record (the same observation with other values, another condition in a step, other steps at the same time),
+the kept rows count as a record of their own.
 """
 
 from __future__ import annotations
@@ -75,7 +76,7 @@ def beside(columns: Columns, context: Columns) -> Columns:
     """The rows of `columns`, and after them what was kept: only columns that `columns` has."""
     joined = _joined(columns, context)
     own = np.arange(joined.n) < columns.n
-    twice, other = _conflicts(joined, own)
+    twice, other, again = _conflicts(joined, own)
     record = np.zeros(joined.n, dtype=np.int64)
     record[other & ~own] = 1
     keep = np.flatnonzero(own | ~(twice & ~other))
@@ -86,6 +87,7 @@ def beside(columns: Columns, context: Columns) -> Columns:
         columns.channels,
         columns.ignored,
         record=record[keep],
+        found_on=(~own | again)[keep],
     )
 
 
@@ -104,18 +106,18 @@ def _joined(columns: Columns, context: Columns) -> Columns:
     return Columns(columns.n + context.n, numbers, categories, columns.channels)
 
 
-def _conflicts(joined: Columns, own: BoolArray) -> tuple[BoolArray, BoolArray]:
-    """Kept rows that stand among the own ones as well, and rows of records that cannot be the own ones' record."""
+def _conflicts(joined: Columns, own: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """Kept rows that stand among the own ones as well, those of records that cannot be these, and the own of both."""
     record = joined.group(*_RECORD)
-    twice, wrong = _repeated(joined, own)
+    twice, wrong, again = _repeated(joined, own)
     wrong |= _another_condition(joined, own) | _another_time(joined, own) | _another_course(joined, own)
     bad = np.zeros(int(record.max()) + 1, dtype=bool)
     bad[record[wrong]] = True
-    return twice, bad[record]
+    return twice, bad[record], again
 
 
-def _repeated(joined: Columns, own: BoolArray) -> tuple[BoolArray, BoolArray]:
-    """Kept rows with the identity of an own one: with the same values, and with others."""
+def _repeated(joined: Columns, own: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """Kept rows with the identity of an own one: with the same values, and with others; and own rows of the first."""
     identity = joined.group(*_WHEN, *_PLACE, *joined.image_columns)
     first = np.full(int(identity.max()) + 1, -1)
     first[identity[own]] = np.flatnonzero(own)
@@ -128,10 +130,11 @@ def _repeated(joined: Columns, own: BoolArray) -> tuple[BoolArray, BoolArray]:
             continue
         a, b = values[kept], values[twin]
         differ |= np.abs(a - b) > SAME * np.maximum(np.abs(a), np.abs(b))
-    same, others = np.zeros(joined.n, dtype=bool), np.zeros(joined.n, dtype=bool)
+    same, others, again = (np.zeros(joined.n, dtype=bool) for _ in range(3))
     same[kept[~differ]] = True
     others[kept[differ]] = True
-    return same, others
+    again[twin[~differ]] = True
+    return same, others, again
 
 
 def _conditions(joined: Columns) -> Iterator[FloatArray]:

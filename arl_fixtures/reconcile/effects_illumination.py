@@ -176,6 +176,8 @@ def _profile(view: View, channel: str, axes: tuple[Across, Across]) -> Illuminat
         table = view.columns
         signal = table.numbers[f"sim_{channel}"]
         usable = np.isfinite(signal) & pure_rows(view)
+        if table.found_on is not None:
+            usable &= table.found_on
         if not usable.any():
             return None
         usable &= signal > 0.02 * np.quantile(signal[usable], 0.99)

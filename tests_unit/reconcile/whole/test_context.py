@@ -7,7 +7,9 @@ import pytest
 
 from arl_fixtures.reconcile.command import predict, reconcile
 from arl_fixtures.reconcile.context import CONTEXT_FILE, beside, read_context, write_context
+from arl_fixtures.reconcile.effects_illumination import illumination
 from arl_fixtures.reconcile.table import columns_of
+from arl_fixtures.reconcile.view import View
 
 TAU_S = 900.0
 
@@ -164,3 +166,21 @@ def test_steps_left_out_of_a_record_belong_to_it(tmp_path, make_table):
     together = beside(columns_of(pa.table(unseen), for_prediction=True), kept(tmp_path, train))
     assert np.all(together.record == 0)
     assert together.n == len(held)
+
+
+@pytest.mark.parametrize("again", [False, True])
+def test_the_beam_that_a_model_was_found_with_is_the_one_it_is_used_with(tmp_path, make_table, again):
+    """Rows before boards that get darker downwards would bend the profile which the wall shows."""
+    table = make_table(3)
+    down = (table["pixel_v"] - table["pixel_v"].min()) / np.ptp(table["pixel_v"])
+    boards = []
+    for turn, grey in ((90.0, 0.5), (120.0, 0.8), (150.0, 1.1)):
+        board = {n: v.copy() for n, v in table.items()} | {"stage_angle_deg": table["stage_angle_deg"] + turn}
+        board["sim_intensity_counts"] *= np.exp(-grey * down**2)
+        boards.append(board)
+    other = {n: np.concatenate([*(b[n] for b in boards), *([v[::3]] if again else [])]) for n, v in table.items()}
+    context = kept(tmp_path, table)
+    found = illumination(View(context), "intensity_counts")
+    used = illumination(View(beside(columns_of(pa.table(other), for_prediction=True), context)), "intensity_counts")
+    assert used.terms == found.terms
+    assert used.coefficients == pytest.approx(found.coefficients, abs=1e-9)
