@@ -151,8 +151,10 @@ def columns_of(table: pa.Table, *, path: Path | str = "table", for_prediction: b
     if not for_prediction:
         _drop_repeats(numbers, categories, [numbers[channel.name] for channel in channels], ignored)
         ceilings = leave_out_ceilings(numbers, tuple(c.name for c in channels), ignored)
-        take_for_dark(numbers, categories, channels, ignored)
-    return Columns(len(numbers[channels[0].name]), numbers, categories, channels, ignored, ceilings, given=given)
+    columns = Columns(len(numbers[channels[0].name]), numbers, categories, channels, ignored, ceilings, given=given)
+    if not for_prediction:
+        take_for_dark(columns)
+    return columns
 
 
 def _note_empty(numbers: dict[str, FloatArray], ignored: dict[str, str], *, keep: bool) -> None:

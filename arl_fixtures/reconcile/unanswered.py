@@ -6,11 +6,9 @@ is to see of it: its light is then nothing, from that step or cycle on.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from arl_fixtures.reconcile.columns import BoolArray, Channel, FloatArray, IntArray
+from arl_fixtures.reconcile.columns import BoolArray, Columns, FloatArray, IntArray
 from arl_fixtures.reconcile.roles import Role
 
 FEWEST = 4
@@ -25,11 +23,9 @@ SEEN = 0.5
 """Share of the rows of a device in a step that must have a return: else the step has none, not the pixel."""
 
 
-def take_for_dark(
-    numbers: dict[str, FloatArray], categories: dict[str, tuple[IntArray, tuple[str, ...]]],
-    channels: Sequence[Channel], ignored: dict[str, str],
-) -> None:  # fmt: skip
+def take_for_dark(columns: Columns) -> None:
     """Set the light of pixels that stopped answering to nothing where it is not given, with a note."""
+    numbers, channels = columns.numbers, columns.channels
     if any(c.role is Role.FRACTION for c in channels) or not {"pixel_u", "pixel_v"} & set(numbers):
         return
     optical = [c.name for c in channels if c.role in {Role.INTENSITY, Role.DISTANCE}]
@@ -40,16 +36,14 @@ def take_for_dark(
     silent = due & np.all([~np.isfinite(numbers[name]) for name in optical], axis=0)
     if not silent.any():
         return
-    n = len(silent)
-    device = categories["dut"][0] if "dut" in categories else np.zeros(n, dtype=np.int64)
-    pixel = _codes([device, *(numbers[name] for name in ("pixel_u", "pixel_v") if name in numbers)])
-    visit = _codes([numbers[name] for name in ("cycle", "step") if name in numbers], n)  # in their order
-    stopped = _stopped(pixel, visit, _codes([device, visit]), silent, due, numbers[f"sim_{light}"])
+    pixel, stay = columns.group("dut", "pixel_u", "pixel_v"), columns.group("dut", "cycle", "step")
+    visit = columns.group("cycle", "step")  # in their order
+    stopped = _stopped(pixel, visit, stay, silent, due, numbers[f"sim_{light}"])
     if not stopped.any() or np.mean(stopped) > MOST:
         return
     numbers[light] = np.where(stopped, 0.0, numbers[light])
     count = int(np.unique(pixel[stopped]).size)
-    ignored[f"{light} (no return)"] = (
+    columns.ignored[f"{light} (no return)"] = (
         f"{count} pixel{'s' if count > 1 else ''} without a return in all last rows; taken for dark there"
     )
 
@@ -88,12 +82,3 @@ def _others(part: IntArray, cell: IntArray, pixels: int) -> FloatArray:
 def _placed(numbers: dict[str, FloatArray]) -> BoolArray:
     places = [np.isfinite(numbers[name]) for name in ("pixel_u", "pixel_v") if name in numbers]
     return np.asarray(np.all(places, axis=0))
-
-
-def _codes(columns: Sequence[FloatArray | IntArray], n: int = 0) -> IntArray:
-    """Number of each row's combination of values, in their order."""
-    code = np.zeros(len(columns[0]) if columns else n, dtype=np.int64)
-    for values in columns:
-        levels, own = np.unique(values, return_inverse=True)
-        code = np.unique(code * len(levels) + own, return_inverse=True)[1].astype(np.int64)
-    return code
