@@ -165,8 +165,9 @@ class ThermalLag(Effect):
         distance, column = str(variant.options["channel"]), str(variant.options["temperature"])
         record = history(view, column)
         unit = record.unit if record is not None else "s"
+        late = float(f"{values['time_constant']:.3g}")  # three digits, but 1270 and not 1.27e+03
         return (
-            f"The timing follows {column} {values['time_constant']:.3g} {unit} late, with "
+            f"The timing follows {column} {late:g} {unit} late, with "
             f"{in_mm(float(values['slope']), distance):+.3f} mm per kelvin: heating and cooling differ."
         )
 
