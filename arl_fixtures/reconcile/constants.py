@@ -21,6 +21,8 @@ NAMED_ERRORS = 1.5
 """Errors that a constant beside a name must exceed: a name's law brings its own zero, an empirical one none."""
 PRIOR = (0.4, 0.2, 0.4)
 """Of a simulation calibrated on these rows, on others with the same effect, and without the effect."""
+FITTED_HERE = 0.5
+"""Probability of a calibration on these rows from which gain and zero are both what it took of the findings."""
 FITTED_ERRORS = 1.5
 """Rows' own errors of the mean within which a simulation agrees that was calibrated on these very rows."""
 
@@ -53,8 +55,8 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
         values, errors = _shrunk(d, left, sure) if acted else _plain(d, left)
         if acted:
             reach = reach_of(d, before - left)
+            odds, mean = calibrated(d, before, left, errors, reach, floats=floats), _means(d, left)[0]
             if d.second is None:  # else the zero took the mean along
-                odds, mean = calibrated(d, before, left, errors, reach, floats=floats), _means(d, left)[0]
                 taken = mean - _means(d, before)[0]
                 values = odds.here * mean + odds.elsewhere * taken + odds.never * values
             if d.channel.name in lawful:
@@ -63,6 +65,8 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
             values = np.where(lone, _less(d.constants(left), sure * alone), values)
             errors = np.where(lone, alone, errors)
             values = np.where(np.abs(values) > CONSTANT_Z * errors, values, np.clip(values, -reach, reach))
+            if d.second is not None and odds.here > FITTED_HERE:
+                values = _line(d, left)  # with its zero: neither is what the findings make of a mean
         found: dict[str, float] = {}
         for unit in range(d.units):
             first = d.use[np.flatnonzero(d.unit == unit)[0]]
@@ -71,6 +75,18 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
         if found:
             result[d.channel.name] = found
     return result
+
+
+def _line(d: ChannelData, residual: FloatArray) -> FloatArray:
+    """Gain of each unit's rows beside their second constant, if they shared no error."""
+    assert d.second is not None
+    weight, values = d.root_weight**2, np.zeros(d.units)
+    for unit in range(d.units):
+        rows = (d.unit == unit) & (weight > 0.0)
+        root = np.sqrt(weight[rows])
+        both = root[:, None] * np.column_stack([d.scale[rows], d.second[rows]])
+        values[unit] = np.linalg.lstsq(both, root * residual[rows], rcond=None)[0][0]
+    return values
 
 
 def zeros_of(decision: Decision, constants: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:

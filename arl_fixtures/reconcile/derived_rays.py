@@ -2,8 +2,9 @@
 
 A table of pixels at stage angles need not carry their azimuth and elevation. Where light and range are those of the
 nominal bench (see `effects_bench`), its camera's are known, and so they are where one of the two angles is given and
-is the nominal camera's in every pixel, whatever the scene. Else the sweep tells (see `swept_rays`). Effects see them
-as columns; laws and reports do not, for the table has none: there a pixel's own column stands for them.
+is the nominal camera's in every pixel, whatever the scene. Else the sweep tells (see `swept_rays`), or, beside
+azimuths, the planes that pixels see (see `camera_of_planes`). Effects see them as columns; laws and reports do not,
+for the table has none: there a pixel's own column stands for them.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
+from arl_fixtures.reconcile.camera_of_planes import camera_of_planes
 from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.effect import Variant
 from arl_fixtures.reconcile.effects_bench import bench_of
@@ -36,8 +38,8 @@ def derive_rays(columns: Columns, *, known: bool = False, lens: Mapping[str, flo
         return False
     view = View(columns)
     camera = Camera(**lens) if lens else _nominal_of(view, len(lacking), known=known)
-    if camera is None and not known and len(lacking) == len(_STANDS_FOR):
-        camera = camera_of_sweep(view)
+    if camera is None and not known:
+        camera = camera_of_sweep(view) if len(lacking) == len(_STANDS_FOR) else camera_of_planes(view)
         lens = None if camera is None else asdict(camera)
     if camera is None:
         return False

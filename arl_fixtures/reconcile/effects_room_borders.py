@@ -124,6 +124,8 @@ def borders_between(
     if not (plain.any() and mixed.size):
         return None
     wide = np.array([float(np.median(pixel_width(view))), _pitch(view)])
+    if not np.all(wide > 0.0):  # no column tells how high, or how far aside, pixels look
+        return None
     place = np.column_stack([
         np.degrees(np.arctan2(direction[:, 1], direction[:, 0])), np.degrees(np.arcsin(direction[:, 2]))
     ]) / wide  # in pixels  # fmt: skip

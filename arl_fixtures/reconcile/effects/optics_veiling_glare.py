@@ -11,6 +11,7 @@ from arl_fixtures.reconcile.effects_common import GROUPS, amplitude, light_chann
 from arl_fixtures.reconcile.effects_frame import add_stray_light, frame_range, has_frames, ranged_by
 from arl_fixtures.reconcile.effects_halo import NEAREST_PX, halo, widest_halo
 from arl_fixtures.reconcile.effects_image import whole_image
+from arl_fixtures.reconcile.effects_overlap import can_overlap, overlap_shape, overlapping
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
@@ -30,6 +31,7 @@ class VeilingGlare(Effect):
     """I' = (1 − share)·I + share·mean(I of the image); the distance moves towards the image's mean range.
 
     Of whole images also with a halo's light instead of the mean: what scatters in a lens falls off about its source.
+    With ranges also with the light that comes back within the row's own pulse: a pulsed sensor reads no other.
     Of an image of which the table holds few pixels, also with the mean over the sweep: as it turns they see what the
     whole image sees at once.
     """
@@ -58,8 +60,10 @@ class VeilingGlare(Effect):
             if overs and widest > 2.0 * NEAREST_PX:
                 reach = shape("reach", "px", NEAREST_PX, widest, 2.0 * NEAREST_PX, widest)
                 overs.append(({"over": "halo"}, (*pull, reach)))
+            if moved and has_frames(view) and can_overlap(view, moved[0]):
+                overs.append(({"over": "pulse"}, (shape("pull", "1", 0.0, 4.0, 1.0), overlap_shape(view, moved[0]))))
             if moved:  # the distances tell of light whose mean was taken for the signal's zero
-                known = [(over, shapes) for over, shapes in overs if over.get("over") not in ("sweep", "halo")]
+                known = [one for one in overs if one[0].get("over") not in ("sweep", "halo", "pulse")]
                 overs += [({**over, "zero": light}, shapes) for over, shapes in known]
             for over, shapes in overs:
                 yield Variant(
@@ -89,6 +93,14 @@ class VeilingGlare(Effect):
             add_stray_light(
                 view, state, channel, stray=share * light, far=far, pull=float(values.get("pull", 0.0)),
                 kept=1.0 - share,
+            )  # fmt: skip
+            return
+        if variant.options.get("over") == "pulse":
+            moved = ranged_by(view, channel)
+            light, mean_range = overlapping(view, state, channel, moved[0], float(values["overlap"]))
+            add_stray_light(
+                view, state, channel, stray=share * light, far=dict.fromkeys(moved, mean_range),
+                pull=float(values.get("pull", 0.0)), kept=1.0 - share,
             )  # fmt: skip
             return
         over, whole = "frame", whole_image(view)
@@ -126,6 +138,12 @@ class VeilingGlare(Effect):
                 f"{channel} = (1 - share) * {channel} + share * mean({about}); "
                 "distance += pull * (share of stray light) * (its mean distance - distance)"
             )
+        if over == "pulse":
+            near = f"{channel} of the image * exp(-(its distance - distance)^2 / (2 overlap^2))"
+            return (
+                f"{channel} = (1 - share) * {channel} + share * mean({near}); "
+                "distance += pull * (share of stray light) * (its mean distance - distance)"
+            )
         return (
             f"{channel} = (1 - share) * {channel} + share * mean({channel} of the {over}){zero}; "
             "distance += pull * (share of stray light) * (mean distance of the image - distance)"
@@ -137,6 +155,12 @@ class VeilingGlare(Effect):
             return (
                 f"{values['share'] * 100:.2f} % of the light is scattered about its place, by {values['reach']:.1f} "
                 "pixels (standard deviation), and veils what is dark there."
+            )
+        if "overlap" in values:
+            unit = unit_of(ranged_by(view, str(variant.options["channel"]))[0])
+            return (
+                f"{values['share'] * 100:.2f} % of the light is scattered over the whole image; what comes from "
+                f"within {values['overlap']:.2g} {unit} of a pixel's own range is read with its pulse."
             )
         return (
             f"{values['share'] * 100:.2f} % of the light is scattered over the whole image and veils its dark parts."

@@ -161,6 +161,34 @@ def test_a_single_step_keeps_the_gain_that_a_user_fitted_beside_a_zero():
     assert np.mean(((foretold - truth) / sigma) ** 2) < 0.1 * np.mean(((sim - truth) / sigma) ** 2)
 
 
+@pytest.mark.parametrize("seed", [2, 3])
+def test_gain_and_zero_that_a_user_fitted_are_taken_back_together(seed):
+    """Facets that gleam aslant by 0.6 %, steps that differ by 0.4 %; gain and zero are fitted to these rows."""
+    rng = np.random.default_rng(seed)
+    step = np.repeat(np.arange(6), 500)
+    light, aslant = rng.uniform(60.0, 3000.0, step.size), rng.uniform(0.0, 0.3, step.size)
+    sigma = np.sqrt(20.0 + 0.2 * light)
+    truth = light * (1.0 + 0.06 * np.tan(aslant) ** 2)
+    shared = 0.004 * rng.normal(size=6)
+    seen = truth * (1.0 + shared - shared.mean())[step] + sigma * rng.normal(size=step.size)
+    fit = np.linalg.lstsq(np.column_stack([light, np.ones(light.size)]) / sigma[:, None], seen / sigma, rcond=None)[0]
+    sim = fit[0] * light + fit[1]
+    problem = Problem(columns_of(pa.table({
+        "step": step.astype(float), "incidence_deg": np.degrees(aslant), "sim_intensity_counts": sim,
+        "sim_intensity_counts_std": sigma, "intensity_counts": seen,
+    })))  # fmt: skip
+    problem.data[0].free_zero()
+    state = problem.view.fresh_state()
+    named = state["intensity_counts"] * (1.0 + 0.06 * np.tan(aslant) ** 2)
+    decision = SimpleNamespace(
+        problem=problem, final_state=lambda: {**state, "intensity_counts": named}, laws=[], terms=[]
+    )
+    gains = constants_of(decision)
+    zero = zeros_of(decision, gains).get("intensity_counts", {}).get("", 0.0)
+    foretold = named * (1.0 + gains.get("intensity_counts", {}).get("", 0.0)) + zero
+    assert np.mean(((foretold - truth) / sigma) ** 2) < 0.2 * np.mean(((sim - truth) / sigma) ** 2)
+
+
 def test_a_single_step_keeps_the_gain_beside_a_law_that_is_nil_at_the_other_end():
     """A gleam of 2 % head-on that is said as a loss aslant: what rows of this very step show is both together."""
     rng = np.random.default_rng(4)

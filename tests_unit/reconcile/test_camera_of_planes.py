@@ -1,0 +1,59 @@
+"""How high pixels look where a table says only how far aside: told by planes of a room that is traced elsewhere."""
+
+import numpy as np
+from rendered_bench import corrected, variant_of
+from test_borders_in_pixels import F_PX, HEIGHT, WIDTH, left_at_borders, seen, strewn
+
+from arl_fixtures.reconcile.derived_rays import derive_rays
+from arl_fixtures.reconcile.effects_room import room_of
+from arl_fixtures.reconcile.effects_scene import scene
+from arl_fixtures.reconcile.view import View
+
+
+def without_heights(turn_deg=0.0):
+    """The strewn pixels of the traced room; elevations apart."""
+    columns = strewn(lambda u, v, stage, _: seen(u, v, stage, turn_deg=turn_deg)[:2], steps=2)
+    return columns, columns.numbers.pop("elevation_deg")
+
+
+def test_planes_tell_how_high_pixels_look():
+    columns, elevation = without_heights()
+    assert derive_rays(columns)
+    pixel_deg = np.degrees(1.0 / F_PX)
+    assert np.max(np.abs(columns.derived["elevation_deg"] - elevation)) < 0.05 * pixel_deg
+
+
+def test_pixels_need_not_be_square():
+    columns, elevation = without_heights()
+    columns.numbers["pixel_v"] = 0.7 * columns.numbers["pixel_v"] + 3.0
+    assert derive_rays(columns)
+    assert np.max(np.abs(columns.derived["elevation_deg"] - elevation)) < 0.05 * np.degrees(1.0 / F_PX)
+
+
+def test_a_room_without_planes_tells_nothing():
+    columns, _ = without_heights()
+    u, v = columns.numbers["pixel_u"] / WIDTH, columns.numbers["pixel_v"] / HEIGHT
+    columns.numbers["sim_distance_m"] = 4.0 + np.sin(7.0 * u) * np.cos(9.0 * v)
+    assert not derive_rays(columns)
+
+
+def test_a_stage_off_its_zero_moves_borders_where_planes_told_the_heights():
+    columns, _ = without_heights(turn_deg=0.15)
+    assert derive_rays(columns)
+    view = View(columns)
+    state = corrected(view, variant_of(view, "stage.zero_offset", kind="constant"), zero=0.15)
+    assert left_at_borders(view, state, "intensity_counts") < 0.25
+
+
+def test_pixels_of_an_unknown_height_have_no_borders():
+    """Rows in an order of chance, azimuths of no pinhole: nothing tells heights, and nothing is made of that."""
+    columns, _ = without_heights()
+    columns.numbers["azimuth_deg"] = 1.3 * (columns.numbers["pixel_u"] - (WIDTH - 1) / 2)
+    order = np.random.default_rng(3).permutation(columns.n)
+    for name, values in columns.numbers.items():
+        columns.numbers[name] = values[order]
+    for name, (codes, labels) in columns.categories.items():
+        columns.categories[name] = (codes[order], labels)
+    assert not derive_rays(columns)
+    view = View(columns)
+    assert room_of(view, scene(view).sign).borders is None
