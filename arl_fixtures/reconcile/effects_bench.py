@@ -105,11 +105,12 @@ def _recognise(view: View) -> Bench | None:
     needed = ("pixel_u", "pixel_v", "stage_angle_deg")
     if any(name not in table.numbers for name in needed) or not (distances(view) or signals(view)):
         return None
-    code = table.group("dut", *needed)
-    first = np.zeros(int(code.max()) + 1, dtype=np.int64)
-    first[code] = np.arange(table.n)
-    if not all(np.isfinite(table.numbers[name][first]).all() for name in needed):
+    placed = np.all([np.isfinite(table.numbers[name]) for name in needed], axis=0)  # no row of a log among images
+    if not placed.any():
         return None
+    _, seen, spot = np.unique(table.group("dut", *needed)[placed], return_index=True, return_inverse=True)
+    code, first = np.zeros(table.n, dtype=np.int64), np.flatnonzero(placed)[seen]
+    code[placed] = spot
     found = (
         _through(view, camera, scene, code, first)
         for camera in cameras_of(view)
@@ -128,7 +129,7 @@ def _through(view: View, camera: Camera, scene: SceneSettings, code: IntArray, f
     u, v, stage = (table.numbers[name][first] for name in ("pixel_u", "pixel_v", "stage_angle_deg"))
     lit, ranged = next(iter(signals(view)), ""), next(iter(distances(view)), "")
     unit = per_metre(unit_of(ranged))
-    device = table.group("dut")[first]
+    device = np.unique(table.group("dut")[first], return_inverse=True)[1]
     soft = Optics(camera=camera, rays=_SOFT_RAYS, soft_rad=1.0 / (_SOFT_RAYS * camera.fx), scene=scene)
     beam, nothing = np.exp(camera.log_beam(u, v)), np.zeros(0)
     signal = table.numbers[f"sim_{lit}"][first] if lit else nothing

@@ -5,7 +5,7 @@ import pytest
 from traced_bench import FIFTEENTHS, LIGHT, RANGE, seen_as_measured, table, with_surfaces
 
 from arl_fixtures.reconcile.catalogue import library
-from arl_fixtures.reconcile.columns import find_channels
+from arl_fixtures.reconcile.columns import Columns, find_channels
 from arl_fixtures.reconcile.derived_rays import as_the_table_says, derive_rays
 from arl_fixtures.reconcile.effects_bench import bench_of, is_sharp
 from arl_fixtures.reconcile.effects_rays import Pose
@@ -47,6 +47,16 @@ def test_one_channel_is_enough_to_see_the_bench(missing):
 
     assert is_sharp(View(without(table())))
     assert bench_of(View(without(table(panels=False)))) is None
+
+
+def test_a_log_of_temperatures_among_the_images_does_not_hide_the_bench():
+    columns, rows = table(turn_deg=0.3, noise=False), 40
+    numbers = {name: np.r_[np.full(rows, np.nan), values] for name, values in columns.numbers.items()}
+    labels = {name: (np.r_[np.full(rows, -1), code], kinds) for name, (code, kinds) in columns.categories.items()}
+    logged = Columns(n=columns.n + rows, numbers=numbers, categories=labels, channels=columns.channels)
+    assert is_sharp(View(logged))
+    of_images = columns.n / (columns.n + rows)
+    assert seen_as_measured(logged, Pose(turn_deg=0.3)) > 0.99 * of_images
 
 
 def test_a_bench_with_its_panels_elsewhere_is_seen_and_moves_like_it():
