@@ -3,8 +3,9 @@
 A table of pixels at stage angles need not carry their azimuth and elevation. Where light and range are those of the
 nominal bench (see `effects_bench`), its camera's are known, and so they are where one of the two angles is given and
 is the nominal camera's in every pixel, whatever the scene. Else the sweep tells (see `swept_rays`), or, beside
-azimuths, the planes that pixels see (see `camera_of_planes`). Effects see them as columns; laws and reports do not,
-for the table has none: there a pixel's own column stands for them.
+azimuths, the planes that pixels see (see `camera_of_planes`), or a line the floor below it (see `line_over_floor`).
+Effects see them as columns; laws and reports do not, for the table has none: there a pixel's own column stands for
+them.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.effect import Variant
 from arl_fixtures.reconcile.effects_bench import bench_of
 from arl_fixtures.reconcile.effects_camera import Camera, cameras_of
+from arl_fixtures.reconcile.line_over_floor import elevation_of_line
 from arl_fixtures.reconcile.swept_rays import camera_of_sweep, rows_of_pixels
 from arl_fixtures.reconcile.view import View
 
@@ -31,12 +33,14 @@ def derive_rays(columns: Columns, *, known: bool = False, lens: Mapping[str, flo
     Args:
         columns: `derived` is filled, and `lens` where a sweep tells it.
         known: that the simulation is the nominal bench; else the table must show it.
-        lens: of the camera, where another table's sweep has told it.
+        lens: of the camera, where another table's sweep has told it; of a line only its elevation.
     """
     lacking = [name for name in _STANDS_FOR if name not in columns.numbers]
     if not lacking or "pixel_u" not in columns.numbers:
         return False
     view = View(columns)
+    if lacking == ["elevation_deg"] and "pixel_v" not in columns.numbers:
+        return _of_line(columns, lens["elevation_deg"] if lens else elevation_of_line(view))
     camera = Camera(**lens) if lens else _nominal_of(view, len(lacking), known=known)
     if camera is None and not known:
         camera = camera_of_sweep(view) if len(lacking) == len(_STANDS_FOR) else camera_of_planes(view)
@@ -52,6 +56,14 @@ def derive_rays(columns: Columns, *, known: bool = False, lens: Mapping[str, flo
         if name in lacking and _STANDS_FOR[name] in columns.numbers
     }
     return True
+
+
+def _of_line(columns: Columns, level_deg: float | None) -> bool:
+    """Give all rays of a line one elevation, where it is known; whether it is."""
+    if level_deg is not None:
+        columns.lens = {"elevation_deg": level_deg}
+        columns.derived = {"elevation_deg": np.full(columns.n, level_deg)}
+    return level_deg is not None
 
 
 def _nominal_of(view: View, lacking: int, *, known: bool) -> Camera | None:

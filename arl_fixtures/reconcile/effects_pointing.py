@@ -21,7 +21,7 @@ from arl_fixtures.reconcile.effects_common import (
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illumination, log_profile
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.effects_render import as_simulated, rendered
-from arl_fixtures.reconcile.effects_room import changes_in_room, on_planes, room_of
+from arl_fixtures.reconcile.effects_room import changes_in_room, looks_down, on_planes, room_of
 from arl_fixtures.reconcile.effects_room_beams import borders_in_line
 from arl_fixtures.reconcile.effects_room_borders import Borders
 from arl_fixtures.reconcile.effects_scene import Scene, curves_over_bearing, gap_of, gaps_of, pixel_width, scene
@@ -330,6 +330,13 @@ def changes_elsewhere(
     room = room_of(view, found.sign) if by_planes else None
     if room is None:
         changes = _along_curves(found, view, turn, lift)
+        borders = per_table(view, "borders on curves", lambda: _coarsely_seen(view, found))
+    elif looks_down(view):  # a line's curve tells what lies beside a ray, planes what lies above it
+        changes, above = _along_curves(found, view, turn, 0.0), changes_in_room(view, room, 0.0, lift)
+        changes = {
+            name: change + above[name] if name in distances(view) else change * above.get(name, 1.0)
+            for name, change in changes.items()
+        }
         borders = per_table(view, "borders on curves", lambda: _coarsely_seen(view, found))
     else:
         told, changes, borders = on_planes(view, room), changes_in_room(view, room, turn, lift), room.borders

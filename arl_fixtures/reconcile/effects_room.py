@@ -130,7 +130,7 @@ def _make(view: View, sign: float) -> Room | None:
     table = view.columns
     if not (distances(view) and (view.varies("azimuth_deg") or view.varies("stage_angle_deg"))):
         return None
-    dense = _has_grid(view) and not _is_sparse(view)
+    dense = _has_grid(view) and not _is_sparse(view) and not looks_down(view)
     if dense and (scene(view) is None or "surface" not in table.categories):
         return None
     everywhere = directions(view, sign)  # a stage turns rays to where others looked before
@@ -196,6 +196,11 @@ def _leans(named: FloatArray) -> bool:
 def on_planes(view: View, room: Room) -> NDArray[np.bool_]:
     """Rows under work of which the planes of a room tell all."""
     return per_view(view, ("on planes", room.sign), lambda: room.told[view.rows])
+
+
+def looks_down(view: View) -> bool:
+    """Whether a line of pixels looks down at a floor that shows how steeply."""
+    return "elevation_deg" in view.columns.derived and "pixel_v" not in view.columns.numbers
 
 
 def _of_one_surface(view: View) -> NDArray[np.bool_]:

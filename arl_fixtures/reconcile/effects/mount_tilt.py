@@ -18,7 +18,7 @@ from arl_fixtures.reconcile.effects_pointing import (
     ways_of_looking,
 )
 from arl_fixtures.reconcile.effects_rays import Pose
-from arl_fixtures.reconcile.effects_room import room_of
+from arl_fixtures.reconcile.effects_room import looks_down, room_of
 from arl_fixtures.reconcile.effects_scene import scene
 from arl_fixtures.reconcile.view import View
 
@@ -47,7 +47,7 @@ class Tilt(Effect):
             found.pitch_deg > 0.0
             or found.upright
             or bench_of(view) is not None
-            or (view.varies("elevation_deg") and room_of(view, found.sign) is not None)
+            or ((view.varies("elevation_deg") or looks_down(view)) and room_of(view, found.sign) is not None)
         )
         turns = _TURNS if known else _TURNS[:1]
         for way in ways_of_looking(view):
