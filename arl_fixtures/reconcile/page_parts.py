@@ -34,7 +34,13 @@ def rays_of(columns: Columns) -> list[tuple[str, str]]:
         return []
     if not columns.lens:
         return [("Rays", "not all in the table; those of the nominal camera")]
+    if "fx" not in columns.lens:
+        level = columns.lens["elevation_deg"]
+        return [("Rays", f"elevation not in the table; the floor that the line sees shows {level:.3g}°")]
     pitch = float(np.degrees(1.0 / columns.lens["fx"]))
+    if "azimuth_deg" not in columns.derived:
+        pitch = float(np.degrees(1.0 / columns.lens["fy"]))
+        return [("Rays", f"elevation not in the table; the planes that pixels see show {pitch:.3g}° from row to row")]
     return [
         ("Rays", f"not in the table; its sweep shows {pitch:.3g}° from pixel to pixel in the middle of the image")
     ]

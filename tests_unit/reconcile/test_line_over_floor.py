@@ -2,10 +2,12 @@
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from operator_tables import fit
 from rendered_bench import variant_of
 
+from arl_fixtures.reconcile.command import reconcile
 from arl_fixtures.reconcile.derived_rays import derive_rays
 from arl_fixtures.reconcile.table import columns_of
 from arl_fixtures.reconcile.view import View
@@ -75,3 +77,14 @@ def test_a_line_that_is_pitched_sees_the_road_farther_away():
     values = fit(view, variant_of(view, "mount.tilt"), "distance_m", {"yaw": 0.0, "pitch": 0.02, "roll": 0.02})
     assert values["pitch"] == pytest.approx(0.05, abs=0.006)
     assert values["roll"] == pytest.approx(-0.04, abs=0.012)
+
+
+def test_a_page_and_a_model_say_how_steeply_it_looks(tmp_path):
+    path = tmp_path / "table.parquet"
+    pq.write_table(table(3), path)
+    reconcile(path, tmp_path / "out")
+    assert "shows -6°" in (tmp_path / "out" / "diagnosis.html").read_text()
+    unseen = columns_of(table(4).slice(0, 40))
+    assert not derive_rays(columns_of(table(4).slice(0, 10)))
+    assert derive_rays(unseen, known=True, lens={"elevation_deg": DOWN_DEG})
+    assert np.all(unseen.derived["elevation_deg"] == DOWN_DEG)
