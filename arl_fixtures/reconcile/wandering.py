@@ -36,6 +36,8 @@ WANDERS, BEYOND = 6.0, 12.0
 and that a change which was looked for among many must gain beside one."""
 LEAST_LEFT = 0.7
 """Share of what is stated below which a change has taken its likeness from that."""
+MOST_A_STEP = 2.0
+"""Log-likelihood a step that a law may gain at most by foretelling all that steps share as stated."""
 
 
 def drop_wanderers(decision: Decision) -> bool:
@@ -55,11 +57,17 @@ def drop_wanderers(decision: Decision) -> bool:
 
 
 def is_wander(d: ChannelData, state: State, law: Law, features: Features) -> bool:
-    """Whether a law of a channel stands only for such steps; one without terms where they are slow at all."""
+    """Whether a law of a channel stands only for such steps; one without terms where they are slow at all.
+
+    Unless it gains more than steps could give if all that they share were foretold.
+    """
     name = d.channel.name
     told = {**state, name: state[name] + law.correction(features, state[name])}
     if acts_between(d, state, told):
         return wanders(d, state, told)
+    step = d.level("step")
+    if step is None or law.gain > MOST_A_STEP * step.count:
+        return False
     return not law.terms and is_slow(d, state)
 
 

@@ -4,8 +4,12 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from arl_fixtures.reconcile.law import Law
+from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.table import columns_of
+from arl_fixtures.reconcile.wandering import is_wander
 
 DAYS, ROWS = 90, 24
 
@@ -61,3 +65,12 @@ def test_a_gain_that_follows_the_heat_of_the_season_is_found_beside_the_scatter(
     assert len(found) == 1
     assert found[0].channels[0] == "intensity_counts"
     assert "detector.gain_temperature" in {found[0].effect, *found[0].equivalent_to}
+
+
+@pytest.mark.parametrize(("gain", "wanders"), [(30.0, True), (3000.0, False)])
+def test_what_gains_more_than_all_that_days_share_is_no_wander(gain, wanders):
+    """Trees foretell what no formula does: of the days' drift, 90 days can give so much and no more."""
+    problem = Problem(year_on_a_roof(1, 0.95))
+    channel = next(d for d in problem.data if d.channel.role is Role.INTENSITY)
+    trees = Law(channel=channel.channel.name, relative=True, terms=[], drivers=["step"], gain=gain)
+    assert is_wander(channel, problem.view.fresh_state(), trees, {}) == wanders
