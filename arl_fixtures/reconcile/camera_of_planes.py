@@ -41,12 +41,13 @@ def camera_of_planes(view: View) -> Camera | None:
     u, v = numbers["pixel_u"], numbers["pixel_v"]
     far = numbers["true_range_m"] if "true_range_m" in numbers else numbers[f"sim_{names[0]}"]
     across = _lens_across(u, numbers["azimuth_deg"])
-    if across is None or np.unique(v).size < _FEWEST_ROWS:
+    if across is None or np.unique(v[np.isfinite(v)]).size < _FEWEST_ROWS:
         return None
     groups = _surfaces(view, u, v, far)
     if not groups:
         return None
-    middle, height = 0.5 * (float(np.nanmin(v)) + float(np.nanmax(v))), float(np.ptp(v))
+    top, bottom = float(np.nanmin(v)), float(np.nanmax(v))  # rows of a log among the images have none
+    middle, height = 0.5 * (top + bottom), bottom - top
     start = replace(across, cy=middle)
 
     def camera(place: FloatArray) -> Camera:

@@ -4,6 +4,7 @@ import numpy as np
 from rendered_bench import corrected, variant_of
 from test_borders_in_pixels import F_PX, HEIGHT, WIDTH, left_at_borders, seen, strewn
 
+from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.derived_rays import derive_rays
 from arl_fixtures.reconcile.effects_room import room_of
 from arl_fixtures.reconcile.effects_scene import scene
@@ -21,6 +22,15 @@ def test_planes_tell_how_high_pixels_look():
     assert derive_rays(columns)
     pixel_deg = np.degrees(1.0 / F_PX)
     assert np.max(np.abs(columns.derived["elevation_deg"] - elevation)) < 0.05 * pixel_deg
+
+
+def test_a_log_among_the_images_has_no_rays():
+    columns, elevation = without_heights()
+    numbers = {name: np.r_[values, np.full(9, np.nan)] for name, values in columns.numbers.items()}
+    labels = {name: (np.r_[code, np.full(9, -1)], kinds) for name, (code, kinds) in columns.categories.items()}
+    logged = Columns(n=columns.n + 9, numbers=numbers, categories=labels, channels=columns.channels)
+    assert derive_rays(logged)
+    assert np.max(np.abs(logged.derived["elevation_deg"][:-9] - elevation)) < 0.05 * np.degrees(1.0 / F_PX)
 
 
 def test_pixels_need_not_be_square():
