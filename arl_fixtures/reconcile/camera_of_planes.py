@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from arl_fixtures.reconcile.effects_camera import Camera
-from arl_fixtures.reconcile.effects_common import distances, pure_rows
+from arl_fixtures.reconcile.effects_common import distances, pure_rows, simulated_range_m
 from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]
@@ -39,7 +39,7 @@ def camera_of_planes(view: View) -> Camera | None:
     if not (has_pixels and "surface" in view.columns.categories and names):
         return None
     u, v = numbers["pixel_u"], numbers["pixel_v"]
-    far = numbers["true_range_m"] if "true_range_m" in numbers else numbers[f"sim_{names[0]}"]
+    far = simulated_range_m(view)
     across = _lens_across(u, numbers["azimuth_deg"])
     if across is None or np.unique(v[np.isfinite(v)]).size < _FEWEST_ROWS:
         return None

@@ -71,6 +71,14 @@ def pure_rows(view: View) -> NDArray[np.bool_]:
     return np.asarray(mixed != (labels.index("true") if "true" in labels else -2))
 
 
+def simulated_range_m(view: View) -> FloatArray:
+    """True range of every row of a table that has distances, shape (n,); the simulated one where it is not given."""
+    numbers, name = view.columns.numbers, distances(view)[0]
+    if "true_range_m" in numbers:
+        return numbers["true_range_m"]
+    return np.asarray(numbers[f"sim_{name}"] / per_metre(unit_of(name)))
+
+
 def per_table(view: View, key: object, make: Callable[[], Cached]) -> Cached:
     """Result of `make`, computed once for a table; `key` must name everything that it depends on."""
     memo: dict[object, Any] = view.columns.memo

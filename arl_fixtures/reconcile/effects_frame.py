@@ -21,6 +21,20 @@ def has_frames(view: View) -> bool:
     return per_table(view, "has frames", make)
 
 
+def brighter(view: View, state: State, channel: str) -> FloatArray:
+    """How much brighter than simulated each row's image is as a whole, by earlier stages; 1 where unknown."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        now = view.frame_mean(state, channel) / view.mean_of_group(f"sim_{channel}", *view.columns.image_columns)
+    return np.where(np.isfinite(now), now, 1.0)
+
+
+def between_widths(width: float, narrowest: float, ratio: float) -> dict[int, float]:
+    """Number to weight of the two widths `narrowest·ratio^k` about one: linear in its logarithm."""
+    place = max(float(np.log(width / narrowest) / np.log(ratio)), 0.0)
+    low = int(place)
+    return {low: 1.0 - (place - low), low + 1: place - low}
+
+
 def frame_range(view: View, distance: str, channel: str, over: str = "frame") -> FloatArray:
     """Signal-weighted mean of the simulated distance over each row's image, or over another of `GROUPS`."""
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.effects_common import FloatArray, per_table
+from arl_fixtures.reconcile.effects_frame import between_widths, brighter
 from arl_fixtures.reconcile.view import View
 
 NEAREST_PX = 2.5
@@ -44,9 +45,7 @@ def halo(view: View, state: State, channel: str, distances: tuple[str, ...], wid
         distances: their means by light are asked.
         width_px: standard deviation, px.
     """
-    place = max(float(np.log(width_px / NEAREST_PX) / np.log(_RATIO)), 0.0)
-    low = int(place)
-    weights = {low: 1.0 - (place - low), low + 1: place - low}
+    weights = between_widths(width_px, NEAREST_PX, _RATIO)
     names = (f"sim_{channel}",)
     light = _mix(view, weights, names, names)
     far = {}
@@ -55,9 +54,7 @@ def halo(view: View, state: State, channel: str, distances: tuple[str, ...], wid
         moment = _mix(view, weights, (*names, f"sim_{distance}"), (f"sim_{distance}",))
         with np.errstate(invalid="ignore", divide="ignore"):
             far[distance] = moment / seen
-    with np.errstate(invalid="ignore", divide="ignore"):
-        now = view.frame_mean(state, channel) / view.mean_of_group(f"sim_{channel}", *view.columns.image_columns)
-    return light * np.where(np.isfinite(now), now, 1.0), far
+    return light * brighter(view, state, channel), far
 
 
 def _mix(view: View, weights: dict[int, float], names: tuple[str, ...], held: tuple[str, ...]) -> FloatArray:

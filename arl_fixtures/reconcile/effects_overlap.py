@@ -14,6 +14,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.effect import Parameter, State
 from arl_fixtures.reconcile.effects_common import FloatArray, per_table, shape
+from arl_fixtures.reconcile.effects_frame import between_widths, brighter
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
@@ -53,15 +54,14 @@ def overlapping(
         overlap: Gaussian standard deviation of the ranges that are seen along, in the unit of `distance`.
     """
     low, high = view.span(f"sim_{distance}")
-    place = max(float(np.log(overlap / (_NARROWEST * (high - low))) / np.log(_RATIO)), 0.0)
-    k = int(place)
-    near, wide = (_of_width(view, channel, distance, at) for at in (k, k + 1))
+    weights = between_widths(overlap, _NARROWEST * (high - low), _RATIO)
+    seen = [_of_width(view, channel, distance, k) for k in weights]
     light, moment = (
-        (1.0 - (place - k)) * a[view.rows] + (place - k) * b[view.rows] for a, b in zip(near, wide, strict=True)
+        np.sum([share * both[kind][view.rows] for share, both in zip(weights.values(), seen, strict=True)], axis=0)
+        for kind in (0, 1)
     )
     with np.errstate(invalid="ignore", divide="ignore"):
-        now = view.frame_mean(state, channel) / view.mean_of_group(f"sim_{channel}", *view.columns.image_columns)
-        return light * np.where(np.isfinite(now), now, 1.0), moment / light
+        return light * brighter(view, state, channel), moment / light
 
 
 def _of_width(view: View, channel: str, distance: str, k: int) -> tuple[FloatArray, FloatArray]:

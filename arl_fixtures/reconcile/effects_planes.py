@@ -11,10 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, pure_rows
+from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, pure_rows, simulated_range_m
 from arl_fixtures.reconcile.effects_illumination import ray_column
 from arl_fixtures.reconcile.effects_scene import pixel_width
-from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]
@@ -95,9 +94,7 @@ def _make(view: View, sign: float) -> FloatArray:
     names = distances(view)
     if "surface" not in table.categories or not names or not view.varies("azimuth_deg"):
         return found
-    far = table.numbers[f"sim_{names[0]}"] / per_metre(unit_of(names[0]))
-    if "true_range_m" in table.numbers:
-        far = table.numbers["true_range_m"]
+    far = simulated_range_m(view)
     codes, _ = table.categories["surface"]
     seen = np.isfinite(far) & (far > 0.0) & (codes >= 0)
     pure = seen & pure_rows(view)

@@ -328,15 +328,14 @@ def changes_elsewhere(
     if found is None or not found.curves:
         return {}
     room = room_of(view, found.sign) if by_planes else None
-    if room is None:
-        changes = _along_curves(found, view, turn, lift)
-        borders = per_table(view, "borders on curves", lambda: _coarsely_seen(view, found))
-    elif looks_down(view):  # a line's curve tells what lies beside a ray, planes what lies above it
-        changes, above = _along_curves(found, view, turn, 0.0), changes_in_room(view, room, 0.0, lift)
-        changes = {
-            name: change + above[name] if name in distances(view) else change * above.get(name, 1.0)
-            for name, change in changes.items()
-        }
+    if room is None or looks_down(view):
+        changes = _along_curves(found, view, turn, lift if room is None else 0.0)
+        if room is not None:  # a line's curve tells what lies beside a ray, planes what lies above it
+            above = changes_in_room(view, room, 0.0, lift)
+            changes = {
+                name: change + above[name] if name in distances(view) else change * above.get(name, 1.0)
+                for name, change in changes.items()
+            }
         borders = per_table(view, "borders on curves", lambda: _coarsely_seen(view, found))
     else:
         told, changes, borders = on_planes(view, room), changes_in_room(view, room, turn, lift), room.borders

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from arl_fixtures.reconcile.effects_common import distances
+from arl_fixtures.reconcile.effects_common import distances, simulated_range_m
 from arl_fixtures.reconcile.view import View
 
 _STEEPEST_DEG, _SLANTED_DEG = 20.0, 89.5
@@ -27,7 +27,7 @@ def elevation_of_line(view: View) -> float | None:
     if not (lined and names and "incidence_deg" in numbers):
         return None
     met, azimuth = numbers["incidence_deg"], numbers["azimuth_deg"]
-    far = numbers["true_range_m"] if "true_range_m" in numbers else numbers[f"sim_{names[0]}"]
+    far = simulated_range_m(view)
     slanted = np.flatnonzero((met > _STEEPEST_DEG) & (met < _SLANTED_DEG) & (far > 0.0) & np.isfinite(azimuth))
     if not slanted.size:
         return None
