@@ -8,6 +8,7 @@ import argparse
 import json
 import shutil
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
@@ -25,8 +26,9 @@ SEEDS = {"dev": 4_017, "proof": 96_331}
 INTRODUCTION = """# Proof on concealed cases
 
 `make proof` writes the cases, seals the answers (the hash of `truth.json` is printed before the first table is read),
-runs `arl reconcile` and `arl predict` as processes, and scores what they say. It asks 60 cases in a quarter of an
-hour; this page is the output of the whole sample, `make proof CASES=80`.
+runs `arl reconcile` and `arl predict` as processes, and scores what they say. It asks as many of its first 60 cases
+as a quarter of an hour allows, and prints how many; this page is the output of the whole sample,
+`make proof CASES=80 MINUTES=600`.
 
 How the cases are made is the subject of `benchmarks/concealed/`, which imports nothing of the package: pulses are
 sampled, convolved and timed; rays are traced from displaced sensors; dies, plates and ice are marched as networks of
@@ -43,8 +45,21 @@ Cases of the set `proof` were never used to tune the tool; the set `dev` was.
 """
 
 
-def run(folder: Path, workers: int, *, rescore: bool = False) -> list[Score]:
-    """Ask and score every case of a folder; or only score the answers that lie there."""
+class Clock:
+    """Says whether one more case can end in time: whether the longest so far could. No `limit_s`: always."""
+
+    def __init__(self, start_s: float, limit_s: float | None, now_s: Callable[[], float] = time.perf_counter) -> None:
+        self._start_s, self._limit_s, self._now_s, self._longest_s = start_s, limit_s, now_s, 0.0
+
+    def allows_one_more(self) -> bool:
+        return self._limit_s is None or self._now_s() - self._start_s + self._longest_s <= self._limit_s
+
+    def took(self, seconds: float) -> None:
+        self._longest_s = max(self._longest_s, seconds)
+
+
+def run(folder: Path, workers: int, *, clock: Clock, rescore: bool = False) -> list[Score]:
+    """Ask and score the cases of a folder in their order, as many as the clock allows; or score what was answered."""
     truths: list[dict[str, Any]] = json.loads((folder / "truth.json").read_text())["cases"]
     asked = folder / "asked"
     if rescore:
@@ -52,9 +67,12 @@ def run(folder: Path, workers: int, *, rescore: bool = False) -> list[Score]:
     else:
         shutil.rmtree(asked, ignore_errors=True)
 
-    def one(truth: dict[str, Any]) -> Score:
-        out = asked / truth["name"]
+    def one(truth: dict[str, Any]) -> Score | None:
+        if not rescore and not clock.allows_one_more():
+            return None
+        out, since_s = asked / truth["name"], time.perf_counter()
         mark = score(truth, folder, read_answer(out) if rescore else ask(folder / truth["name"], out))
+        clock.took(time.perf_counter() - since_s)
         said = ", ".join(mark.said) or (mark.failed.splitlines() or ["consistent"])[-1][:100]
         told = ", ".join(f"{e['effect']} λ {e['lambda']:.0f}" for e in truth["effects"]) or "nothing"
         good = mark.exact if mark.kind in ("single", "pair") else mark.named
@@ -62,7 +80,7 @@ def run(folder: Path, workers: int, *, rescore: bool = False) -> list[Score]:
         return mark
 
     with ThreadPoolExecutor(workers) as pool:
-        return list(pool.map(one, truths))
+        return [mark for mark in pool.map(one, truths) if mark is not None]
 
 
 def main() -> None:
@@ -71,6 +89,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, help="another draw of cases than the set's")
     parser.add_argument("--scale", type=int, default=1, help="times the stated sample")
     parser.add_argument("--cases", type=int, help="the first of the sample, which stands in an order of chance")
+    parser.add_argument("--minutes", type=float, help="begin no further case that may end later than this")
     parser.add_argument("--out", type=Path, default=Path("build/proof"))
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--docs", type=Path, help="write the tables as Markdown to this file")
@@ -84,10 +103,12 @@ def main() -> None:
         batch = stated(np.random.default_rng(seed), given.scale)[: given.cases]
         seal = write_batch(folder, seed, batch, quiet=True, workers=given.workers)
         print("sealed, sha256 of truth.json:", seal, flush=True)
-    scores = run(folder, given.workers, rescore=given.rescore)
+    clock = Clock(start, None if given.minutes is None else 60 * given.minutes)
+    scores = run(folder, given.workers, clock=clock, rescore=given.rescore)
     lines = figures(scores)
     minutes = (time.perf_counter() - start) / 60
-    print(f"\n{as_text(lines)}\n\n{len(scores)} cases in {minutes:.1f} minutes")
+    made = len(json.loads((folder / "truth.json").read_text())["cases"])
+    print(f"\n{as_text(lines)}\n\n{len(scores)} of {made} cases in {minutes:.1f} minutes")
     (folder / "scores.json").write_text(json.dumps([asdict(s) for s in scores], indent=1, default=float))
     if given.docs:
         drawn = f"Set `{given.set}`, seed {seed}, {len(scores)} cases, {minutes:.0f} minutes."

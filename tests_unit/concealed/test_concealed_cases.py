@@ -14,6 +14,7 @@ from benchmarks.concealed.generate import write_batch
 from benchmarks.concealed.likelihood import mean_information, mean_information_unknown_repeat, whiten
 from benchmarks.concealed.lookalikes import lookalikes
 from benchmarks.concealed.plan import BANDS, LIBRARY, SENSORS, UNKNOWN, Order, make, stated
+from benchmarks.concealed.proof import Clock
 from benchmarks.concealed.run_tool import Answer, ask, channels_of
 from benchmarks.concealed.score import overlap, score
 from benchmarks.concealed.sensor import flash
@@ -220,3 +221,16 @@ def test_the_tool_asked_is_the_one_beside_the_benchmark(tmp_path, monkeypatch):
     told = ask(Path("case"), Path("out"))
     assert "not this one" not in told.error
     assert "channel" in told.error
+
+
+def test_proof_begins_no_case_that_may_end_after_its_time():
+    now = [0.0]
+    clock = Clock(0.0, 900.0, lambda: now[0])
+    assert clock.allows_one_more()
+    clock.took(120.0)
+    clock.took(30.0)
+    now[0] = 779.0
+    assert clock.allows_one_more(), "the longest so far would end a second before"
+    now[0] = 781.0
+    assert not clock.allows_one_more()
+    assert Clock(0.0, None, lambda: 1e9).allows_one_more(), "no limit was set"
