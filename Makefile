@@ -7,8 +7,8 @@ PROFILE ?= full
 BENCH ?= emulated
 OUT ?= out
 RESUME ?=
-CASES ?= 60
-MINUTES ?= 15
+CASES ?= 40
+MINUTES ?= 14
 PYTEST_ARGS ?=
 
 DIAGNOSES := tests_unit/reconcile/whole tests_bench/test_repair.py
@@ -53,7 +53,7 @@ report:
 		npx --yes allure@3 generate $(OUT)/allure-results --output $(OUT)/allure-report; \
 	else echo "make report: Node.js (npx) is not installed; the results are in $(OUT)/allure-results"; fi
 
-# As many of the first 60 of the stated sample as a quarter of an hour allows; the table in docs/proof.md is of all 80.
+# As many of the first 40 of the stated sample as a quarter of an hour allows; the table in docs/proof.md is of all 80.
 proof: setup
 	$(BIN)/python -m benchmarks.concealed.proof --cases $(CASES) --minutes $(MINUTES)
 

@@ -31,6 +31,8 @@ INTEGER_AXES = ("pixel_u", "pixel_v", "step", "cycle")
 CLUSTER_GAP, MOST_CLUSTERS = 0.03, 9
 """Share of a column's span from which a gap parts clusters of its values, and how many such gaps are looked at."""
 OF_LABELS = "*"
+NAMED_COLUMNS = 4
+"""Columns of trees that a law spells out."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -202,8 +204,11 @@ class Law:
         head = f"{self.channel} *= 1 + " if self.relative else f"{self.channel} += "
         if not self.terms and not self.trees:
             return f"{self.channel} depends on {', '.join(self.drivers)}; no law predicts unseen rows"
-        body = " + ".join(f"c{k + 1}*{term.text}" for k, term in enumerate(self.terms)) or "0"
-        return head + body + (" + trees(" + ", ".join(self.binned_names[:4]) + ", ...)" if self.trees else "")
+        parts = [f"c{k + 1}*{term.text}" for k, term in enumerate(self.terms)]
+        if self.trees:
+            more = ", ..." if len(self.binned_names) > NAMED_COLUMNS else ""
+            parts.append(f"trees({', '.join(self.binned_names[:NAMED_COLUMNS])}{more})")
+        return head + " + ".join(parts)
 
     @property
     def unit(self) -> str:

@@ -223,14 +223,14 @@ def test_the_tool_asked_is_the_one_beside_the_benchmark(tmp_path, monkeypatch):
     assert "channel" in told.error
 
 
-def test_proof_begins_no_case_that_may_end_after_its_time():
+def test_proof_begins_no_case_that_is_likely_to_end_after_its_time():
     now = [0.0]
     clock = Clock(0.0, 900.0, lambda: now[0])
     assert clock.allows_one_more()
-    clock.took(120.0)
+    clock.took(90.0)
     clock.took(30.0)
     now[0] = 779.0
-    assert clock.allows_one_more(), "the longest so far would end a second before"
+    assert clock.allows_one_more(), "twice the mean would end a second before"
     now[0] = 781.0
     assert not clock.allows_one_more()
     assert Clock(0.0, None, lambda: 1e9).allows_one_more(), "no limit was set"
