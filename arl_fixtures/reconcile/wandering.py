@@ -36,6 +36,8 @@ WANDERS, BEYOND = 6.0, 12.0
 and that a change which was looked for among many must gain beside one."""
 LEAST_LEFT = 0.7
 """Share of what is stated below which a change has taken its likeness from that."""
+LEAST_SIZE = 0.02
+"""Least share of what is stated by which steps may scatter in truth."""
 MOST_A_STEP = 2.0
 """Log-likelihood a step that a law may gain at most by foretelling all that steps share as stated."""
 
@@ -64,7 +66,7 @@ def is_wander(d: ChannelData, state: State, law: Law, features: Features) -> boo
     name = d.channel.name
     told = {**state, name: state[name] + law.correction(features, state[name])}
     if acts_between(d, state, told):
-        return wanders(d, state, told)
+        return wanders(d, state, told, trees=bool(law.trees or not law.terms))
     step = d.level("step")
     if step is None or law.gain > MOST_A_STEP * step.count:
         return False
@@ -83,12 +85,13 @@ def is_slow(d: ChannelData, state: State) -> bool:
     return left is not None and _at_best(*left) > _likelihood(*left, 0.0) + WANDERS
 
 
-def wanders(d: ChannelData, before: State, after: State) -> bool:
+def wanders(d: ChannelData, before: State, after: State, *, trees: bool = False) -> bool:
     """Whether a channel's steps tell less of a change between them than of a wander within what is stated.
 
     Args:
         d: the channel.
         before, after: corrected simulation without the change and with it.
+        trees: whether trees foretell the change, of which a few can follow any wander.
     """
     start, end = _stated_means(d, before), _stated_means(d, after)
     if start is None or end is None:
@@ -98,6 +101,8 @@ def wanders(d: ChannelData, before: State, after: State) -> bool:
         return False
     left, noise = end
     takes_it = float(np.mean(left**2 / (1.0 + noise))) < LEAST_LEFT
+    if takes_it and not trees:  # what is stated may be too much: what foretells a step better than its neighbour is none
+        return _at_best_of_any_size(*end) < _at_best_of_any_size(*start) + BEYOND
     return takes_it or _at_best(left, noise) < wander + BEYOND
 
 
@@ -128,6 +133,16 @@ def _at_best(mean: FloatArray, noise: FloatArray) -> float:
     """Log-likelihood of the steps' means with the correlation that is likeliest."""
     found = minimize_scalar(lambda r: -_likelihood(mean, noise, r), bounds=(0.0, LONGEST), method="bounded")
     return -float(found.fun)
+
+
+def _at_best_of_any_size(mean: FloatArray, noise: FloatArray) -> float:
+    """The same where steps scatter by no more than what is stated, but perhaps by less."""
+
+    def loss(share: float) -> float:
+        return -_at_best(mean / share, noise / share**2) + len(mean) * np.log(share)
+
+    found = minimize_scalar(loss, bounds=(LEAST_SIZE, 1.0), method="bounded")
+    return -min(float(found.fun), loss(1.0))
 
 
 def _likelihood(mean: FloatArray, noise: FloatArray, correlation: float) -> float:

@@ -14,10 +14,10 @@ from arl_fixtures.reconcile.wandering import is_wander
 DAYS, ROWS = 90, 24
 
 
-def year_on_a_roof(seed, memory, wander=(0.005, 0.004), per_kelvin=0.0):
+def year_on_a_roof(seed, memory, wander=(0.005, 0.004), per_kelvin=0.0, shown=1.0):
     """One visit a day to a range sensor out of doors; what it says drifts by `wander` (of the light, metres).
 
-    A day keeps `memory` of the day before. The light falls by `per_kelvin` beside it, where season and weather make
+    A day keeps `memory` of the day before, and shows a part of the drift that is stated. The light falls by `per_kelvin` beside it, where season and weather make
     the housing warmer than 25 °C, and grows where they make it colder.
     """
     rng = np.random.default_rng(seed)
@@ -25,7 +25,7 @@ def year_on_a_roof(seed, memory, wander=(0.005, 0.004), per_kelvin=0.0):
     season = 12.0 - 14.0 * np.cos(2.0 * np.pi * np.arange(DAYS) / 365.0 * 4.0)
     weather = _slow(rng, 0.6) * 3.0
     warm = (season + weather)[day] + rng.normal(0.0, 0.2, day.size)
-    light, away = _wandering(rng, memory, wander)
+    light, away = _wandering(rng, memory, [shown * size for size in wander])
     true = 1500.0 * (0.4 + 0.6 * (row % 6) / 5.0)
     metres, sigma = 6.0 + 4.0 * (row // 6), 12.0 + 0.01 * true
     return columns_of(pa.table({
@@ -64,6 +64,13 @@ def test_a_gain_that_follows_the_heat_of_the_season_is_found_beside_the_scatter(
     found = diagnose(year_on_a_roof(5, memory, per_kelvin=0.0006))[0].findings
     assert len(found) == 1
     assert found[0].channels[0] == "intensity_counts"
+    assert "detector.gain_temperature" in {found[0].effect, *found[0].equivalent_to}
+
+
+def test_a_gain_that_foretells_each_day_is_no_drift_of_days_that_hardly_scatter():
+    """Who states a scatter may state too much of it: a tenth of it is there, and the weather says the rest."""
+    found = diagnose(year_on_a_roof(5, 0.0, per_kelvin=0.0006, shown=0.1))[0].findings
+    assert len(found) == 1
     assert "detector.gain_temperature" in {found[0].effect, *found[0].equivalent_to}
 
 
