@@ -101,7 +101,7 @@ def wanders(d: ChannelData, before: State, after: State, *, trees: bool = False)
         return False
     left, noise = end
     takes_it = float(np.mean(left**2 / (1.0 + noise))) < LEAST_LEFT
-    if takes_it and not trees:  # what is stated may be too much: what foretells a step better than its neighbour is none
+    if takes_it and not trees:  # too much may be stated: what foretells a step better than its neighbour is none
         return _at_best_of_any_size(*end) < _at_best_of_any_size(*start) + BEYOND
     return takes_it or _at_best(left, noise) < wander + BEYOND
 

@@ -17,8 +17,9 @@ DAYS, ROWS = 90, 24
 def year_on_a_roof(seed, memory, wander=(0.005, 0.004), per_kelvin=0.0, shown=1.0):
     """One visit a day to a range sensor out of doors; what it says drifts by `wander` (of the light, metres).
 
-    A day keeps `memory` of the day before, and shows a part of the drift that is stated. The light falls by `per_kelvin` beside it, where season and weather make
-    the housing warmer than 25 °C, and grows where they make it colder.
+    A day keeps `memory` of the day before, and shows a part of the drift that is stated. The light falls by
+    `per_kelvin` beside it, where season and weather make the housing warmer than 25 °C, and grows where they make it
+    colder.
     """
     rng = np.random.default_rng(seed)
     day, row = (a.ravel() for a in np.meshgrid(np.arange(DAYS), np.arange(ROWS), indexing="ij"))
