@@ -139,7 +139,7 @@ def _at_best_of_any_size(mean: FloatArray, noise: FloatArray) -> float:
     """The same where steps scatter by no more than what is stated, but perhaps by less."""
 
     def loss(share: float) -> float:
-        return -_at_best(mean / share, noise / share**2) + len(mean) * np.log(share)
+        return float(len(mean) * np.log(share)) - _at_best(mean / share, noise / share**2)
 
     found = minimize_scalar(loss, bounds=(LEAST_SIZE, 1.0), method="bounded")
     return -min(float(found.fun), loss(1.0))
