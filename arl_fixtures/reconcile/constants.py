@@ -33,11 +33,12 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
     What a finding changes on average is in the measurement, too, unless a calibration took it away: there the
     constant belongs to the prediction as far as it exceeds its own error (1.5 times that beside a name), and as a
     whole as far as the simulation agrees with the rows' mean better than steps and images that differ by chance
-    would let it, which only a calibration on these rows does; what the findings make of the mean is taken back as far
-    as it agrees better than with them. Either way it is no larger than what the findings make
-    of the mean of some step: nothing else was there to be calibrated away, and a law's zero shifts no more. Beyond
-    that, and elsewhere, it must be significant. Beside a law that is nil at an arbitrary place it is what rows say,
-    and so it is where a unit was seen in a single step: be it the step's own, the rows to come are of that step.
+    would let it, which only a calibration on these rows does; what the findings make of the mean is taken back as
+    far as it agrees better than with them, and stands out of the constant's own error. Either way it is no larger
+    than what the findings make of the mean of some step: nothing else was there to be calibrated away, and a law's
+    zero shifts no more. Beyond that, and elsewhere, it must be significant. Beside a law that is nil at an
+    arbitrary place it is what rows say, and so it is where a unit was seen in a single step: be it the step's own,
+    the rows to come are of that step.
     """
     problem = decision.problem
     state, untouched = decision.final_state(), problem.view.fresh_state()
@@ -57,7 +58,7 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
             reach = reach_of(d, before - left)
             odds, mean = calibrated(d, before, left, errors, reach, floats=floats), _means(d, left)[0]
             if d.second is None:  # else the zero took the mean along
-                taken = mean - _means(d, before)[0]
+                taken = _beyond(mean - _means(d, before)[0], errors)
                 values = odds.here * mean + odds.elsewhere * taken + odds.never * values
             if d.channel.name in lawful:
                 reach = np.maximum(reach, _span_of(d, before - left))
@@ -256,6 +257,12 @@ def _less(values: FloatArray, errors: FloatArray) -> FloatArray:
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(values != 0.0, 1.0 - (errors / values) ** 2, 0.0)
     return np.asarray(values * np.clip(np.nan_to_num(share), 0.0, 1.0))
+
+
+def _beyond(values: FloatArray, errors: FloatArray) -> FloatArray:
+    """Each value as far as it is large beside its error: a calibration elsewhere was off by as much in any case."""
+    power = values**2
+    return np.asarray(values * np.nan_to_num(power / np.maximum(power + errors**2, 1e-300)))
 
 
 def _by_steps(d: ChannelData, residual: FloatArray, step: Level) -> tuple[FloatArray, FloatArray]:
