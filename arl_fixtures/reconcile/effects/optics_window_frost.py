@@ -38,7 +38,7 @@ class WindowFrost(LightFactor):
     * Where a bench soaks, T steps early on its way between two steps' rows; else it goes in a straight line.
     * covered: of a film of small crystals the share of the window that they cover counts, 1 − exp(−F / full): more
       ice on a white window takes no more light, and a thick film shows for long after it has begun to go.
-    * settled: F follows max(onset − T, 0) within a time constant: film and vapour near equilibrium.
+    * settled: F follows max(onset − T, 0) within a time constant, from none: film and vapour near equilibrium.
     """
 
     id = "optics.window_frost"
@@ -136,7 +136,8 @@ class WindowFrost(LightFactor):
             film = on_rows(view, _film(record, onset, float(values["melt"]), before))
         else:
             cold = np.maximum(onset - record.values, 0.0)
-            film = on_rows(view, low_pass(cold, record.interval / float(values["lag"])))
+            clean = np.concatenate([np.zeros_like(cold[:, :1]), cold], axis=1)  # a window that has no film yet
+            film = on_rows(view, low_pass(clean, record.interval / float(values["lag"]))[:, 1:])
         if "full" in values:
             film = -np.expm1(-film / float(values["full"]))
         if "slant" in values:
@@ -262,7 +263,20 @@ def _heights(view: View) -> dict[str, Option]:
     if view.varies("pixel_v"):
         low, high = view.span("pixel_v")
         return {"height": "pixel_v", "lower": high, "upper": low}
+    across = _zones_across(view)
+    if across:
+        return {"height": "zone", "across": across, "lower": across - 1.0, "upper": 0.0}
     return {"height": "", "lower": 0.0, "upper": 1.0}
+
+
+def _zones_across(view: View) -> int:
+    """Zones in a row of a square of them, numbered row by row as range modules do; 0 where there is none."""
+    zones = view.columns.numbers.get("zone")
+    if zones is None or not np.all(np.isfinite(zones)):
+        return 0
+    known = np.unique(zones)
+    across = int(np.rint(np.sqrt(known.size)))
+    return across if across > 1 and np.array_equal(known, np.arange(across**2)) else 0
 
 
 def _height(variant: Variant, view: View) -> FloatArray:
@@ -271,5 +285,8 @@ def _height(variant: Variant, view: View) -> FloatArray:
     if not name:
         return np.zeros(view.n)
     low, high = float(variant.options["lower"]), float(variant.options["upper"])
-    share = np.nan_to_num((view.number(name) - low) / (high - low), nan=0.5)
+    place = view.number(name)
+    if "across" in variant.options:
+        place = place // float(variant.options["across"])
+    share = np.nan_to_num((place - low) / (high - low), nan=0.5)
     return np.clip(2.0 * share - 1.0, -1.5, 1.5)
