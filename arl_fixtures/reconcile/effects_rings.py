@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from arl_fixtures.reconcile.effects_common import distances, per_table
 from arl_fixtures.reconcile.effects_illumination import ray_column
 from arl_fixtures.reconcile.effects_planes import directions
-from arl_fixtures.reconcile.effects_room import places_and_rays
+from arl_fixtures.reconcile.effects_room_places import places_and_rays
 from arl_fixtures.reconcile.effects_still import both
 from arl_fixtures.reconcile.view import View
 
@@ -35,7 +35,7 @@ def beside_in_rings(view: View) -> list[IntArray]:
 def _find(view: View) -> list[IntArray]:
     name = distances(view)[0] if distances(view) else ""
     far = view.columns.numbers.get(f"sim_{name}", np.full(view.n, np.nan))
-    device, code = places_and_rays(view, directions(view, 1.0), far)
+    device, code, _ = places_and_rays(view, directions(view, 1.0), far)
     first = np.unique(code, return_index=True)[1]
     image = view.columns.group("dut", "cycle", "step")
     angles = [np.round(ray_column(view, name), _DIGITS) for name in ("azimuth_deg", "elevation_deg")]

@@ -18,6 +18,7 @@ from arl_fixtures.reconcile.effects_illumination import illumination, ray_column
 from arl_fixtures.reconcile.effects_planes import directions, rays_of
 from arl_fixtures.reconcile.effects_room_beams import borders_in_line
 from arl_fixtures.reconcile.effects_room_borders import Borders, borders_between
+from arl_fixtures.reconcile.effects_room_places import places_and_rays
 from arl_fixtures.reconcile.effects_room_planes import (
     FLAT,
     FLAT_IN_PIXELS,
@@ -27,24 +28,15 @@ from arl_fixtures.reconcile.effects_room_planes import (
     sends_back,
 )
 from arl_fixtures.reconcile.effects_scene import gap_of, joins_unlike_rows, pixel_width, scene
-from arl_fixtures.reconcile.effects_still import apart
-from arl_fixtures.reconcile.still_scene import ALIKE
 from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _NEIGHBOURS = 12
-_SAME_RAY = 1e-4
-"""Radians within which rays are one: a hundredth of a degree is finer than scanners point."""
 _FEWEST_RAYS = 60
 _MOST_RAYS = 60_000
 _MOST_RINGS = 200
-_MOVED_BETWEEN: tuple[tuple[str, ...], ...] = (("step",), ("cycle", "step"))
-"""Columns between whose values a scanner may have been moved, those tried first that part a table least."""
-_STATIONS = ("position", "station", "pose", "place")
-"""How names of columns begin that say where a sensor stands; a rail that carries the target has its range."""
-_MOST_STATIONS = 100
 _SPARSE = 1.5
 """Pixels' widths between rays of a camera from which what lies between two of them is not seen."""
 _LEANING, _ON_PLANES, _SOME_LEAN = 0.2, 0.7, 0.01
@@ -135,7 +127,7 @@ def _make(view: View, sign: float) -> Room | None:
         return None
     everywhere = directions(view, sign)  # a stage turns rays to where others looked before
     far = table.numbers[f"sim_{distances(view)[0]}"]
-    place, code = places_and_rays(view, everywhere, far)
+    place, code, unseen = places_and_rays(view, everywhere, far)
     rays = np.unique(np.where(np.isfinite(far) & (far > 0.0), code, -1), return_index=True)
     first = rays[1][rays[0] >= 0]
     if not _FEWEST_RAYS <= first.size <= _MOST_RAYS:
@@ -149,7 +141,7 @@ def _make(view: View, sign: float) -> Room | None:
         flat = FLAT_IN_PIXELS if dense else FLAT
         named[name] = named_planes(view, first, direction, place[first], targets[name], flat)
     on_named = named[distances(view)[0]]
-    if dense and not _leans(on_named):
+    if dense and not (unseen or _leans(on_named)):
         return None
     near = _nearest(view, first, direction, place[first])
     of_code = np.zeros(int(code.max()) + 1, dtype=np.int64)
@@ -225,38 +217,6 @@ def _is_sparse(view: View) -> bool:
         return False
     far_apart = gap_of(found.line, found.bearing) > _SPARSE * float(np.median(pixel_width(view)))
     return far_apart or joins_unlike_rows(view, found)
-
-
-def places_and_rays(view: View, rays: FloatArray, far: FloatArray) -> tuple[IntArray, IntArray]:
-    """Where each row's scanner stands, and which rows look from there along one ray, as numbers of the whole table.
-
-    A device stands still but where its rays see other ranges at another step: it was moved between them.
-    """
-    seen = np.isfinite(far) & (far > 0.0)
-    log = np.log(np.where(seen, far, 1.0))
-    still = view.columns.group("dut")
-    first = _alike(still, rays)
-    if not seen.any() or apart(first, log, seen) <= ALIKE:
-        return still, first
-    stations = _stations(view)
-    for moved in (*((name,) for name in stations), *_MOVED_BETWEEN, *(("step", name) for name in stations)):
-        place = view.columns.group("dut", *moved)
-        code = _alike(place, rays)
-        if apart(code, log, seen) <= ALIKE:
-            return place, code
-    return still, first
-
-
-def _stations(view: View) -> list[str]:
-    """Columns that say where a sensor stands, as a length, a number or a name: of few levels."""
-    table = view.columns
-    told = sorted(n for n in (*table.numbers, *table.categories) if n.startswith(_STATIONS))
-    return [name for name in told if 1 < int(table.group(name).max()) + 1 <= _MOST_STATIONS]
-
-
-def _alike(place: IntArray, rays: FloatArray) -> IntArray:
-    key = np.column_stack([place, np.rint(rays / _SAME_RAY)])
-    return np.asarray(np.unique(key, axis=0, return_inverse=True)[1].ravel(), dtype=np.int64)
 
 
 def _sent_back(view: View, signal: str, rows: IntArray, slope: FloatArray, direction: FloatArray) -> FloatArray:
