@@ -29,6 +29,7 @@ from arl_fixtures.reconcile.patterns_beside import add_patterns, drop_shadowed, 
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.rivals import is_structure
 from arl_fixtures.reconcile.search import Found, Search
+from arl_fixtures.reconcile.search_again import name_who_was_hidden
 from arl_fixtures.reconcile.shared_name import share_names
 from arl_fixtures.reconcile.shared_scatter import Scatter
 from arl_fixtures.reconcile.standing import Standing
@@ -72,8 +73,10 @@ class Decision:
         if drop_wanderers(self):
             self.look()
         add_patterns(self)
+        at_first = frozenset(t.effect.id for t in self.best.terms)
         while drop_fallen(self):
             pass  # what stands beside fewer names is asked anew
+        name_who_was_hidden(self, at_first)
         own = without_back_actions(self.best.terms, self.problem.view)
         if len(own) < len(self.best.terms):
             self.keep(own)
@@ -102,6 +105,8 @@ class Decision:
         findings += [law_finding(self, law) for law in self.laws]
         findings += [scatter_finding(self, s) for s in self.scatters]
         acted = {channel for finding in findings for channel in finding.channels}
+        # what a name does to a channel by the same amount everywhere is a constant that calibration takes up
+        acted |= {channel for finding in findings for t in finding.terms for channel in t.variant.channels}
         findings += [
             constant_finding(self, d) for d in self.problem.data
             if d.channel.name not in acted and self._is_constant(d)

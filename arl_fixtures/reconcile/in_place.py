@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from arl_fixtures.reconcile.acceptance import PRICE, Ranked
 from arl_fixtures.reconcile.effects_render import rendered
 from arl_fixtures.reconcile.fit import Fit, finish, fit
+from arl_fixtures.reconcile.scores import Candidate
 from arl_fixtures.reconcile.screen import screen
 from arl_fixtures.reconcile.settling import shortlist
 from arl_fixtures.reconcile.terms import Term
-from arl_fixtures.reconcile.told_apart import idle_price, is_undecided
+from arl_fixtures.reconcile.told_apart import alike, idle_price, is_undecided
 
 if TYPE_CHECKING:
     from arl_fixtures.reconcile.decide import Decision
@@ -60,10 +61,24 @@ def others_in_place(decision: Decision, index: int, without: Fit, gain: float) -
     own = charged(term, gain)
     sampled = rendered(decision.problem.view) is None
     tried = {term.effect.id}
-    for r in decision.search.rank(without, shortlist(again.candidates)[:MOST_TRIED]):
+    for r in decision.search.rank(without, _worth_trying(term, again.candidates)):
         other = r.fit.terms[-1]
         if other.effect.id in tried:
             continue
         tried.add(other.effect.id)
         deficit = own - r.gain - idle_price(term, r.fit)
         yield InPlace(r, deficit, is_undecided(term, other, deficit, own, sampled=sampled))
+
+
+def _worth_trying(term: Term, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """The likeliest candidates, and the best one of each effect that is known to be like the name.
+
+    To first order a shape that has not been fitted may promise little.
+    """
+    likely = shortlist(candidates)[:MOST_TRIED]
+    known = {c.term.effect.id for c in likely}
+    for candidate in candidates:
+        if candidate.term.effect.id not in known and alike(term.effect, candidate.term.effect):
+            known.add(candidate.term.effect.id)
+            likely.append(candidate)
+    return likely

@@ -228,6 +228,13 @@ class Search:
         }
         return found
 
+    def further(self, best: Fit, chance: Screening, refused: Container[str]) -> Fit:
+        """One more round beside names that stand where others fell; effects that are `refused` are not asked."""
+        self._look_again(best)
+        screening = self.candidates(best.terms, with_chance=False)
+        left = tuple(c for c in screening.candidates if c.term.effect.id not in refused)
+        return self._taken(self.ask(best, replace(screening, candidates=left), chance))
+
     def _look_beside(self, best: Fit, stages: list[Stage], chance: Screening) -> Fit:
         """One more round for channels on which nothing acts: what mends a strong effect may have crowded them out."""
         untouched = self.full.view.sim

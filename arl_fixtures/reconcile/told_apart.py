@@ -30,7 +30,7 @@ def is_undecided(named: Term, other: Term, deficit: float, gain: float, *, sampl
         gain: what the finding gains after its charge; log-likelihood.
         sampled: whether the scene is known from the table's own samples only.
     """
-    extra = PRICE * max(len(other.free()) - len(named.free()), 0) if _alike(named.effect, other.effect) else 0.0
+    extra = PRICE * max(len(other.free()) - len(named.free()), 0) if alike(named.effect, other.effect) else 0.0
     return deficit - extra < max(TWIN_GAIN, share_undecided(named.effect, other.effect, sampled=sampled) * gain)
 
 
@@ -41,7 +41,7 @@ def idle_price(named: Term, other: Fit) -> float:
     """
     term, last = other.terms[-1], len(other.terms) - 1
     further = max(len(term.free()) - len(named.free()), 0)
-    if not further or _alike(named.effect, term.effect):
+    if not further or alike(named.effect, term.effect):
         return 0.0
     changes = zip(other.keys, np.linalg.norm(other.jacobian, axis=0), strict=True)
     idle = sum(
@@ -63,9 +63,9 @@ def share_undecided(named: Effect, other: Effect, *, sampled: bool) -> float:
     """Share of a finding's gain that another effect may lose without being told apart."""
     if sampled and all(e.displaces or e.mixes for e in (named, other)):
         return EDGE_SHARE
-    return LIKE_SHARE if _alike(named, other) else TWIN_SHARE
+    return LIKE_SHARE if alike(named, other) else TWIN_SHARE
 
 
-def _alike(named: Effect, other: Effect) -> bool:
+def alike(named: Effect, other: Effect) -> bool:
     """Whether one of two effects says that it is like the other."""
     return other.id in named.confusable or named.id in other.confusable

@@ -1,0 +1,34 @@
+"""One more round of the search beside the names that stand where others fell: they hid who comes after them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from arl_fixtures.reconcile.gate import drop_fallen
+from arl_fixtures.reconcile.patterns_beside import add_patterns
+
+if TYPE_CHECKING:
+    from arl_fixtures.reconcile.decide import Decision
+
+
+def name_who_was_hidden(decision: Decision, at_first: frozenset[str]) -> None:
+    """Ask again what else acts, without the effects that fell; what is found then must stand like any other name.
+
+    Args:
+        decision: with the names that are left; nothing is asked where there are none, which is a case of its own: the
+            only name that could be found has then shown that it is not what it looks like.
+        at_first: ids of the effects that the search had found.
+    """
+    standing = frozenset(t.effect.id for t in decision.best.terms)
+    chance = decision.found.screening
+    if not standing or standing == at_first or chance is None:
+        return
+    refused = (at_first - standing) | decision.refused
+    found = decision.search.further(decision.best, chance, refused)
+    if len(found.terms) == len(decision.best.terms):
+        return
+    decision.best, decision.patterns = found, []
+    decision.look()
+    add_patterns(decision)
+    while drop_fallen(decision):
+        pass
