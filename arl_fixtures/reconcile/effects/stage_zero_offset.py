@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from itertools import product
 
 import numpy as np
@@ -27,6 +27,8 @@ class ZeroOffset(Effect):
 
     Where the angle is right for one direction, the other alone is off: + backlash where the stage came upwards, or
     where it came downwards (`side`). A head that turns round, on no stage, has its azimuths in the stage's place.
+    Where every angle is approached from one side, what heats and cools may still turn what holds the stage, and some
+    benches sweep one way in either (`by` the ramp).
     """
 
     id = "stage.zero_offset"
@@ -45,6 +47,7 @@ class ZeroOffset(Effect):
         kinds: list[dict[str, Option]] = [{"kind": "constant"}]
         kinds += [{"kind": "backlash", **side} for side in ({}, {"side": "up"}, {"side": "down"})] if both else []
         kinds += [{"kind": "both"}] if both else []
+        kinds += [{"kind": "backlash", "by": "ramp"}] if angle == STAGE and not both and _turns_round(view) else []
         for told, way in product(kinds, ways_of_turning(view)):
             kind = str(told["kind"])
             yield Variant(
@@ -53,20 +56,21 @@ class ZeroOffset(Effect):
                 parameters=tuple(amplitude(name, "deg", -20.0, 20.0, 0.05) for name in _AMPLITUDES[kind]),
                 channels=turning_channels(way, view),
                 rough=not way and is_sharp(view),
-                drivers=(angle,) if kind == "constant" else (*_direction(view), angle),
+                drivers=(angle,) if kind == "constant" else (*_direction(told, view), angle),
             )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Looks the scene up at the true angle."""
         turn: FloatArray | float = float(values.get("zero", 0.0))
         if "backlash" in values:
-            turn = turn + float(values["backlash"]) * _part(variant) * _counted(variant, travel(view)[view.rows])
+            way = _way(variant, view)[view.rows]
+            turn = turn + float(values["backlash"]) * _part(variant) * _counted(variant, way)
         show_turn(variant, state, view, turn)
 
     def expression(self, variant: Variant) -> str:
         """The law."""
         side = variant.options.get("side")
-        backlash = f"backlash * [came {side}wards]" if side else "backlash / 2 * sign of travel"
+        backlash = f"backlash * [came {side}wards]" if side else f"backlash / 2 * {_sign(variant)}"
         added = " + ".join(backlash if p.name == "backlash" else p.name for p in variant.parameters)
         if "channel" in variant.options:
             return f"{variant.options['channel']} += {added}"
@@ -77,8 +81,9 @@ class ZeroOffset(Effect):
         if "backlash" not in values:
             return f"The stage stands {values['zero']:+.3f}° from where its angle says."
         off = f", and stands {values['zero']:+.3f}° off on their average" if "zero" in values else ""
+        between = "heating and cooling" if "by" in variant.options else "the two directions of travel (backlash)"
         return (
-            f"The stage's angle differs by {values['backlash']:.3f}° between the two directions of travel (backlash)"
+            f"The stage's angle differs by {values['backlash']:.3f}° between {between}"
             f"{off}."
         )
 
@@ -105,7 +110,26 @@ def _counted(variant: Variant, way: FloatArray) -> FloatArray:
     return way if side is None else np.asarray(way == (1.0 if side == "up" else -1.0), dtype=np.float64)
 
 
-def _direction(view: View) -> tuple[str, ...]:
+def _turns_round(view: View) -> bool:
+    """Whether a table holds heating and cooling."""
+    ramp = view.columns.numbers.get("ramp", np.zeros(0))
+    return bool(np.any(ramp > 0.0) and np.any(ramp < 0.0))
+
+
+def _way(variant: Variant, view: View) -> FloatArray:
+    """Direction by which the angle of each row of the whole table is off: ±1, or 0."""
+    if "by" in variant.options:
+        return np.sign(np.nan_to_num(view.columns.numbers["ramp"]))
+    return travel(view)
+
+
+def _sign(variant: Variant) -> str:
+    return f"sign of {variant.options['by']}" if "by" in variant.options else "sign of travel"
+
+
+def _direction(told: Mapping[str, Option], view: View) -> tuple[str, ...]:
+    if "by" in told:
+        return (str(told["by"]),)
     found = logged_direction(view)
     return (found[0],) if found else (("time_s",) if view.varies("time_s") else ())
 
