@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from arl_fixtures.reconcile.gate import drop_fallen
 from arl_fixtures.reconcile.patterns_beside import add_patterns
+from arl_fixtures.reconcile.told_apart import alike
 
 if TYPE_CHECKING:
     from arl_fixtures.reconcile.decide import Decision
@@ -13,6 +14,9 @@ if TYPE_CHECKING:
 
 def name_who_was_hidden(decision: Decision, at_first: frozenset[str]) -> None:
     """Ask again what else acts, without the effects that fell; what is found then must stand like any other name.
+
+    What is known to be like a name that stands and like one that fell would mend the shape of the one as the other
+    did: it is not asked either.
 
     Args:
         decision: with the names that are left; nothing is asked where there are none, which is a case of its own: the
@@ -23,7 +27,8 @@ def name_who_was_hidden(decision: Decision, at_first: frozenset[str]) -> None:
     chance = decision.found.screening
     if not standing or standing == at_first or chance is None:
         return
-    refused = (at_first - standing) | decision.refused
+    fallen = at_first - standing
+    refused = fallen | decision.refused | (_like(decision, standing) & _like(decision, fallen))
     found = decision.search.further(decision.best, chance, refused)
     if len(found.terms) == len(decision.best.terms):
         return
@@ -32,3 +37,9 @@ def name_who_was_hidden(decision: Decision, at_first: frozenset[str]) -> None:
     add_patterns(decision)
     while drop_fallen(decision):
         pass
+
+
+def _like(decision: Decision, names: frozenset[str]) -> set[str]:
+    """Effects that are known to be like one of some."""
+    some = [e for e in decision.effects if e.id in names]
+    return {e.id for e in decision.effects if any(alike(e, other) for other in some)}
