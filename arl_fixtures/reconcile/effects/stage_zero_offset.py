@@ -47,7 +47,8 @@ class ZeroOffset(Effect):
         kinds: list[dict[str, Option]] = [{"kind": "constant"}]
         kinds += [{"kind": "backlash", **side} for side in ({}, {"side": "up"}, {"side": "down"})] if both else []
         kinds += [{"kind": "both"}] if both else []
-        kinds += [{"kind": "backlash", "by": "ramp"}] if angle == STAGE and not both and _turns_round(view) else []
+        if angle == STAGE and not both and _heats_and_cools(view):
+            kinds.append({"kind": "backlash", "by": "ramp"})
         for told, way in product(kinds, ways_of_turning(view)):
             kind = str(told["kind"])
             yield Variant(
@@ -82,10 +83,7 @@ class ZeroOffset(Effect):
             return f"The stage stands {values['zero']:+.3f}° from where its angle says."
         off = f", and stands {values['zero']:+.3f}° off on their average" if "zero" in values else ""
         between = "heating and cooling" if "by" in variant.options else "the two directions of travel (backlash)"
-        return (
-            f"The stage's angle differs by {values['backlash']:.3f}° between {between}"
-            f"{off}."
-        )
+        return f"The stage's angle differs by {values['backlash']:.3f}° between {between}{off}."
 
     def next_experiment(self, variant: Variant) -> str:
         """What tells zero, tilt and lag apart."""
@@ -110,7 +108,7 @@ def _counted(variant: Variant, way: FloatArray) -> FloatArray:
     return way if side is None else np.asarray(way == (1.0 if side == "up" else -1.0), dtype=np.float64)
 
 
-def _turns_round(view: View) -> bool:
+def _heats_and_cools(view: View) -> bool:
     """Whether a table holds heating and cooling."""
     ramp = view.columns.numbers.get("ramp", np.zeros(0))
     return bool(np.any(ramp > 0.0) and np.any(ramp < 0.0))
