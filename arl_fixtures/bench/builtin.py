@@ -65,7 +65,6 @@ def _relays(plant: Plant, settings: RelaysEmulatorSettings, driver: ConradSettin
 def _duts(plant: Plant, config: BenchConfig, driver: HflSettings) -> tuple[DatagramDevice, ...]:
     settings: DutEmulatorSettings = config.emulator_settings("duts")
     model = config.effects_path
-    names = config.scene.surface_names
     return tuple(
         DutEmulator(
             plant,
@@ -74,7 +73,7 @@ def _duts(plant: Plant, config: BenchConfig, driver: HflSettings) -> tuple[Datag
             config.scene,
             settings=settings,
             wire=driver,
-            models=() if model is None else (FoundEffects(model, names, dut.noise),),
+            models=() if model is None else (FoundEffects(model, dut, config.scene),),
         )
         for index, dut in enumerate(config.dut_settings)
     )

@@ -56,10 +56,9 @@ def twins_of(config: BenchConfig, model: Path | None = None) -> dict[str, Twin]:
         ConfigError: the model cannot be read, or names an effect that is not in the library.
     """
     path = model or config.twin_effects_path
-    names = config.scene.surface_names
     return {
         dut.serial: Twin(
-            Renderer(dut, config.scene), () if path is None else (FoundEffects(path, names, dut.noise),)
+            Renderer(dut, config.scene), () if path is None else (FoundEffects(path, dut, config.scene),)
         )
         for dut in config.dut_settings
     }

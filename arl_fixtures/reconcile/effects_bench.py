@@ -37,6 +37,9 @@ from arl_fixtures.twin.scene import SceneSettings
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+BENCH = "bench"
+"""Under which a table keeps its bench."""
+
 _SOFT_RAYS = 3
 _SPREAD_PX, _SPREAD_ERROR_PX = (0.05, 0.8), 0.01
 """Standard deviations between which the simulation's own point spread is looked for, and to what error."""
@@ -59,6 +62,7 @@ class Bench:
         optics: camera, rays and surfaces.
         pedestal: what a calibration added to the simulated signal of each spot, in the unit of rendered light.
         ahead_m: and to its range.
+        complete: whether the table holds every pixel of its images.
     """
 
     index: IntArray
@@ -68,6 +72,7 @@ class Bench:
     optics: Optics
     pedestal: FloatArray
     ahead_m: FloatArray
+    complete: bool = False
 
     @property
     def sharp(self) -> bool:
@@ -85,7 +90,7 @@ class Bench:
 
 def bench_of(view: View) -> Bench | None:
     """The bench of a table; None where its simulation is not the nominal scene."""
-    return per_table(view, "bench", lambda: _recognise(view))
+    return per_table(view, BENCH, lambda: _recognise(view))
 
 
 def is_sharp(view: View) -> bool:

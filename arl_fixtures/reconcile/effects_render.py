@@ -21,6 +21,7 @@ from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
 _MOST_KEPT = 30_000_000  # numbers: 240 MB
 _SOFT, _FINE, _MOST_FOOTPRINTS = 3, 5, 20
@@ -210,23 +211,40 @@ def convolved(view: View, variance_px2: FloatArray) -> dict[str, FloatArray] | N
     return _by_channel(view, bench, light, moment)
 
 
-def pixel_beside(view: View, du: int, dv: int) -> tuple[FloatArray, FloatArray] | None:
+def pixel_beside(view: View, du: int, dv: int, lacking: BoolArray) -> tuple[FloatArray, FloatArray] | None:
     """Light of the pixel `du` columns and `dv` rows further in units of the row's own, and how much farther it sees.
 
-    NaN beyond the sensor's edge, in the table's distance unit; None where nothing can be rendered.
+    Args:
+        view: rows under work.
+        du: columns.
+        dv: rows.
+        lacking: rows of the view of which it is asked.
+
+    Returns:
+        In the table's distance unit, NaN beyond the sensor's edge and where it is not asked; None where nothing can
+        be rendered.
     """
     bench = bench_of(view)
     if bench is None:
         return None
-    numbers, _, back = distinct_spots(view, bench)
-    images = per_view(view, "images beside", lambda: _beside(bench, numbers))
-    (own, own_far), (other, far) = images[_TAPS.index((0, 0))], images[_TAPS.index((du, dv))]
-    spots, camera, pedestal = bench.spots.take(numbers).beside(du, dv), bench.optics.camera, bench.pedestal[numbers]
-    there = (np.abs(spots.u - camera.cx) < camera.cx + 1.0) & (np.abs(spots.v - camera.cy) < camera.cy + 1.0)
+    ratio, farther = np.full((2, view.n), np.nan)
+    if bench.complete:
+        return ratio, farther
+    found, back = np.unique(bench.index[view.rows[lacking]], return_inverse=True)
+    spots, camera = bench.spots.take(found), bench.optics.camera
+    beside = spots.beside(du, dv)
+    within = (np.abs(beside.u - camera.cx) < camera.cx + 1.0) & (np.abs(beside.v - camera.cy) < camera.cy + 1.0)
+    there = np.flatnonzero(within)
+    found, spots, beside = found[there], spots.take(there), beside.take(there)
+    own, own_far = look(bench.optics, spots)
+    other, far = look(bench.optics, beside)
+    beam = np.exp(camera.log_beam(beside.u, beside.v) - camera.log_beam(spots.u, spots.v))
+    told = np.full((2, within.size), np.nan)
     with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = np.where(there, (other + pedestal) / (own + pedestal), np.nan)
-        farther = np.where(there, far / other - own_far / own, np.nan) * bench.unit
-    return ratio[back], farther[back]
+        told[0, there] = (other * beam + bench.pedestal[found]) / (own + bench.pedestal[found])
+        told[1, there] = (far / other - own_far / own) * bench.unit
+    ratio[lacking], farther[lacking] = told[:, back]
+    return ratio, farther
 
 
 def _beside(bench: Bench, numbers: IntArray) -> list[tuple[FloatArray, FloatArray]]:

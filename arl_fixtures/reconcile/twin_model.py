@@ -16,13 +16,18 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from arl_fixtures.reconcile.calibrated_units import calibrate_simulation
+from arl_fixtures.reconcile.effects_bench import BENCH
+from arl_fixtures.reconcile.effects_common import per_table
+from arl_fixtures.reconcile.known_bench import known_bench
 from arl_fixtures.reconcile.model_file import read_model
 from arl_fixtures.reconcile.model_state import corrected_state, terms_of
 from arl_fixtures.reconcile.table import columns_of
 from arl_fixtures.reconcile.view import View
 from arl_fixtures.twin.conditions import Conditions
 from arl_fixtures.twin.expected import Expected
-from arl_fixtures.twin.noise import NoiseSettings, scatter
+from arl_fixtures.twin.noise import scatter
+from arl_fixtures.twin.scene import SceneSettings
+from arl_fixtures.twin.settings import DutSettings
 
 Float32Array = npt.NDArray[np.float32]
 
@@ -33,17 +38,17 @@ class FoundEffects:
 
     Args:
         path: `model.yaml`, or the folder that holds it.
-        surface_names: name of each surface number.
-        noise: the sensor's nominal noise, whose scatter effects may change.
+        dut: the sensor whose frames are altered; its nominal noise is that whose scatter effects may change.
+        scene: what it looks at.
 
     Raises:
         ConfigError: the model cannot be read, or names an effect that is not in the library.
     """
 
-    def __init__(self, path: Path, surface_names: tuple[str, ...], noise: NoiseSettings) -> None:
+    def __init__(self, path: Path, dut: DutSettings, scene: SceneSettings) -> None:
         self._path = path / "model.yaml" if path.is_dir() else path
         self._model = read_model(self._path)
-        self._surfaces, self._noise = surface_names, noise
+        self._dut, self._scene = dut, scene
 
     def alter(self, expected: Expected, conditions: Conditions) -> Expected:
         """The frame with the effects.
@@ -54,7 +59,7 @@ class FoundEffects:
         model = self._model
         if not (model.effects or model.unknown or model.calibration or model.lines):
             return expected
-        spread = scatter(expected, self._noise)
+        spread = scatter(expected, self._dut.noise)
         shape = expected.intensity_counts.shape
         table = pa.table(
             {
@@ -63,12 +68,13 @@ class FoundEffects:
                 "sim_intensity_counts_std": spread.intensity_std_counts.ravel(),
                 "sim_distance_m_std": spread.distance_std_m.ravel(),
                 "sim_valid_fraction": spread.returns.ravel().astype(np.float32),
-                **_covariates(expected, conditions, self._surfaces),
+                **_covariates(expected, conditions, self._scene.surface_names),
             }
         )
         columns = columns_of(table, path="frame", for_prediction=True)
         calibrate_simulation(columns, tuple(model.unit_columns), model.lines)
         view = View(columns)
+        per_table(view, BENCH, lambda: known_bench(self._dut, self._scene, conditions.stage_angle_deg))
         state = corrected_state(self._model, terms_of(self._model, view, self._path), view)
 
         def image(name: str, nominal: Float32Array) -> Float32Array:

@@ -8,7 +8,8 @@ import pytest
 from arl_fixtures.reconcile.twin_model import FoundEffects
 from arl_fixtures.twin.conditions import Conditions
 from arl_fixtures.twin.expected import Expected
-from arl_fixtures.twin.noise import NoiseSettings
+from arl_fixtures.twin.scene import SceneSettings
+from arl_fixtures.twin.settings import DutSettings
 
 MODEL = """
 schema: arl-model/1
@@ -44,7 +45,8 @@ def test_a_frame_of_the_twin_gets_the_gain_and_zero_of_its_device(
 ) -> None:
     (tmp_path / "model.yaml").write_text(MODEL, encoding="utf-8")
     nominal = frame()
-    repaired = FoundEffects(tmp_path, ("wall",), NoiseSettings()).alter(nominal, Conditions(dut=dut))
+    found = FoundEffects(tmp_path, DutSettings(serial="a", columns=3, rows=2), SceneSettings())
+    repaired = found.alter(nominal, Conditions(dut=dut))
     assert repaired.intensity_counts == pytest.approx(light * nominal.intensity_counts + zero, rel=1e-6)
     seen = np.isfinite(nominal.distance_m)
     assert repaired.distance_m[seen] == pytest.approx(scale * nominal.distance_m[seen] + offset_m, rel=1e-6)

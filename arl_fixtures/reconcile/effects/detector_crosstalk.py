@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_beside import seen_beside
@@ -14,6 +15,8 @@ from arl_fixtures.reconcile.effects_frame import ranged_by
 from arl_fixtures.reconcile.effects_render import pixel_beside
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
+
+BoolArray = NDArray[np.bool_]
 
 _NEIGHBOURS = {
     "both": ((-1, 0), (1, 0), (0, -1), (0, 1)),
@@ -66,9 +69,10 @@ class Crosstalk(Effect):
         moments = {distance: np.zeros(view.n) for distance in far}
         for du, dv in shifts:
             other = view.neighbour(state, channel, du=du, dv=dv)
-            unseen = _unseen(view, du, dv) if np.isnan(other).any() else None  # of a table that holds some pixels
+            lacking = np.isnan(other)
+            unseen = _unseen(view, du, dv, lacking) if lacking.any() else None  # of a table that holds some pixels
             if unseen is not None:
-                other = np.where(np.isnan(other), own * unseen[0], other)
+                other = np.where(lacking, own * unseen[0], other)
             part = float(values["across"]) if dv and "across" in values else 1.0
             leak = leak + part * np.nan_to_num(other - own)
             for distance in far:
@@ -116,11 +120,11 @@ class Crosstalk(Effect):
         )
 
 
-def _unseen(view: View, du: int, dv: int) -> tuple[FloatArray, FloatArray] | None:
+def _unseen(view: View, du: int, dv: int, lacking: BoolArray) -> tuple[FloatArray, FloatArray] | None:
     """Light and range of a neighbour that the table lacks: as the known bench, else as the swept scene shows it."""
 
     def look() -> tuple[FloatArray, FloatArray] | None:
-        rendered = pixel_beside(view, du, dv)
+        rendered = pixel_beside(view, du, dv, lacking)
         return seen_beside(view, du, dv) if rendered is None else rendered
 
-    return per_view(view, ("beside", du, dv), look)
+    return per_view(view, ("beside", du, dv, np.packbits(lacking).tobytes()), look)
