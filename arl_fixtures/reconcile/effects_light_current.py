@@ -12,6 +12,16 @@ _END = 0.1
 _FEWEST = 6
 """Currents from which a device has a curve of its own at a temperature."""
 
+_SEEN = (
+    "dut", "pixel_u", "pixel_v", "azimuth_deg", "elevation_deg", "stage_angle_deg", "true_range_m", "incidence_deg",
+    "surface", "reflectance", "mixed",
+)  # fmt: skip
+"""Columns that tell what a row looks at."""
+_SAME_LIGHT = 0.02
+"""Scatter of the logarithm of light within one current, device and temperature below which all rows see the same."""
+_DIGITS, _ROUNDS = 6, 30
+"""Decimals to which the logarithm of two simulated lights agrees, and rounds of the fit of powers."""
+
 _LEAST_RANGE, _MOST_LEVELS, _OFTEN = 0.03, 12, 20
 """Range of a current that is driven to few levels over its highest, their number, and rows that each has."""
 
@@ -60,11 +70,75 @@ def light_current(view: View, channel: str, current: str) -> tuple[FloatArray, F
     """The simulation's signal as a function of the drive current, means over levels."""
 
     def make() -> tuple[FloatArray, FloatArray]:
-        drive, light = view.columns.numbers[current], view.columns.numbers[f"sim_{channel}"]
+        drive = view.columns.numbers[current]
+        light = view.columns.numbers[f"sim_{channel}"] / brightness(view, channel, current)
         good = np.isfinite(drive) & np.isfinite(light)
         return _by_levels(drive[good], light[good], *view.span(current))
 
     return per_table(view, ("light-current", channel, current), make)
+
+
+def brightness(view: View, channel: str, current: str) -> FloatArray:
+    """How much more light each row of the whole table sees than others do at the same current, (n,).
+
+    What is looked at multiplies a laser's light. What rows of one range, incidence and so on see at several currents
+    is compared from the darkest to the brightest: of targets a table need not say how white they are. One where all
+    rows see the same, or where nothing is seen at several currents.
+    """
+
+    def make() -> FloatArray:
+        table = view.columns
+        light, level = table.numbers[f"sim_{channel}"], _levels(table.numbers[current], *view.span(current))
+        alike = table.group("dut", "set_temperature_c")
+        good = np.flatnonzero(np.isfinite(light) & (light > 0.0) & (level >= 0))
+        factor = np.ones(table.n)
+        if not good.size or not _differs(np.log(light[good]), alike[good] * (int(level.max()) + 1) + level[good]):
+            return factor
+        place = table.group(*(name for name in _SEEN if name in table.numbers or name in table.categories))
+        power = _power_of_levels(np.log(light[good]), place[good], level[good])
+        if power is not None:
+            factor[good] = np.exp(np.log(light[good]) - power[level[good]])
+        return factor
+
+    return per_table(view, ("brightness", channel, current), make)
+
+
+def _levels(drive: FloatArray, low: float, high: float) -> IntArray:
+    """Part of the range of each current, (n,); −1 where there is none."""
+    part = np.rint((drive - low) / max(high - low, 1e-300) * _LEVELS)
+    return np.where(np.isfinite(part), part, -1.0).astype(np.int64)
+
+
+def _differs(log_light: FloatArray, code: IntArray) -> bool:
+    """Whether rows of one group differ in their light."""
+    group = np.unique(code, return_inverse=True)[1]
+    mean = np.bincount(group, log_light) / np.bincount(group)
+    return float(np.sqrt(np.mean((log_light - mean[group]) ** 2))) > _SAME_LIGHT
+
+
+def _power_of_levels(log_light: FloatArray, place: IntArray, level: IntArray) -> FloatArray | None:
+    """Logarithm of the power at each level, NaN where nothing tells; None where not all levels are told."""
+    rounded = np.round(log_light, _DIGITS)
+    seen = np.unique(np.stack([place, level, rounded]), axis=1)  # places, levels and lights in their order
+    cell = np.unique(seen[:2], axis=1, return_index=True, return_inverse=True, return_counts=True)
+    first, of_cell, count = cell[1], cell[2].ravel(), cell[3]
+    rank = np.arange(seen.shape[1]) - first[of_cell]
+    at, number = seen[0].astype(np.int64), seen[1].astype(np.int64)
+    most = np.zeros(int(at.max()) + 1, dtype=np.int64)
+    np.maximum.at(most, at, count[of_cell])
+    whole = count[of_cell] == most[at]  # where all that is seen there is seen
+    thing = np.unique(np.stack([at, rank])[:, whole], axis=1, return_inverse=True)[1].ravel()
+    number, value = number[whole], seen[2][whole]
+    shared = np.bincount(thing)[thing] > 1
+    if not shared.any():
+        return None
+    thing, number, value = np.unique(thing[shared], return_inverse=True)[1], number[shared], value[shared]
+    power = np.zeros(int(level.max()) + 1)
+    told = np.bincount(number, minlength=power.size)
+    for _ in range(_ROUNDS):
+        own = np.bincount(thing, value - power[number]) / np.bincount(thing)
+        power = np.bincount(number, value - own[thing], minlength=power.size) / np.maximum(told, 1)
+    return power if np.all(told[np.unique(level)] > 0) else None
 
 
 def _by_levels(drive: FloatArray, light: FloatArray, low: float, high: float) -> tuple[FloatArray, FloatArray]:
@@ -72,7 +146,7 @@ def _by_levels(drive: FloatArray, light: FloatArray, low: float, high: float) ->
 
     Between two readings of one level the light differs by what else differs: their slope says nothing of the current.
     """
-    bins = np.rint((drive - low) / max(high - low, 1e-300) * _LEVELS).astype(np.int64)
+    bins = _levels(drive, low, high)
     count = np.bincount(bins)
     used = count > 0
     return _with_threshold(np.bincount(bins, drive)[used] / count[used], np.bincount(bins, light)[used] / count[used])
@@ -133,6 +207,7 @@ def shifted(
 ) -> FloatArray:
     """Change of each row's simulated signal where its device's curve lies `shift` (A) further up the current, (n,).
 
+    What a row sees multiplies the curve (see `brightness`).
     Every device at every temperature has its own curve; where it has too few currents, the mean over all stands. As
     a threshold grows exponentially with temperature, what a kelvin adds is a share of it: the shift is that of the
     median threshold, and each curve's own is in proportion, unless the shift says by itself how it grows.
@@ -150,7 +225,7 @@ def shifted(
             own_share = thresholds[index] / middle if in_proportion and thresholds[index] > 0.0 else 1.0
             further = shift[rows] * own_share
             moved[rows] = continued(drive[rows] - further, *found) - continued(drive[rows], *found)
-    return np.asarray(np.nan_to_num(moved))
+    return np.asarray(np.nan_to_num(moved * brightness(view, channel, current)[view.rows]))
 
 
 def _threshold(knots: FloatArray, curve: FloatArray) -> float:
@@ -173,7 +248,8 @@ def _own_curves(
         if "set_temperature_c" not in table.numbers and temperature:
             warm = np.rint(np.nan_to_num(table.numbers[temperature])).astype(np.int64)
             code = np.unique(np.stack([code, warm]), axis=1, return_inverse=True)[1].ravel().astype(np.int64)
-        drive, light = table.numbers[current], table.numbers[f"sim_{channel}"]
+        drive = table.numbers[current]
+        light = table.numbers[f"sim_{channel}"] / brightness(view, channel, current)
         good = np.isfinite(drive) & np.isfinite(light)
         order = np.lexsort((drive, code))
         order = order[good[order]]
