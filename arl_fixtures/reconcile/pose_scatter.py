@@ -27,6 +27,9 @@ FEWEST_IMAGES, FEWEST_BEYOND = 12, 6
 """Images that must show an edge for their scatter to be told, at all and beyond what follows the angle."""
 EDGE = 0.02
 """Share of its image's largest slope (in standard errors) from which a row shows an edge."""
+LEAST_APART = 1e-6
+"""Share of an image's squared slopes that must be left beside a gain of it: a board that fills the pixel has none but
+for rounding."""
 LIKELY = 3.0
 """Standard errors by which images must differ in how they stand, for it to be asked for at all."""
 MOST_OFF = 9.0
@@ -64,8 +67,10 @@ def pose_level(data: ChannelData, slope: FloatArray, image: IntArray, angle_deg:
     present, code = np.unique(image, return_inverse=True)
     weight = data.root_weight**2
     slope = np.where(_shows_edge(slope * data.root_weight, code), slope, 0.0)
+    power = np.bincount(code, weight * slope**2)
     slope = less_shared(slope, data.scale, weight, code.astype(np.int64))  # beside what an image shares as a gain
-    seen = np.bincount(code, (data.root_weight * slope) ** 2) > 0.0
+    seen = np.bincount(code, weight * slope**2) > LEAST_APART * power
+    slope = np.where(seen[code], slope, 0.0)
     first = np.unique(code, return_index=True)[1]  # an image is of one unit at one angle
     smooth = _smooth(angle_deg[first], data.unit[first])
     if np.count_nonzero(seen) < max(FEWEST_IMAGES, smooth.shape[1] + FEWEST_BEYOND):

@@ -8,11 +8,13 @@ off each image's edges tell one number, which takes nothing from what else they 
 from functools import cache
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from arl_fixtures.reconcile.command import reconcile
 from arl_fixtures.reconcile.problem import Problem
-from arl_fixtures.reconcile.table import load_table
+from arl_fixtures.reconcile.search import Search
+from arl_fixtures.reconcile.table import columns_of, load_table
 
 STEPS, ANGLES, PIXELS = 3, 41, 24
 
@@ -136,3 +138,21 @@ def test_a_lag_of_frames_brings_no_pattern_of_pixels_with_it(tmp_path, save):
     (found,) = reconcile(save(tmp_path / "table.parquet", table), tmp_path / "out").findings
     assert found.effect == "acquisition.frame_lag"
     assert found.parameters[0].low < 0.03 < found.parameters[0].high
+
+
+def test_a_board_that_fills_the_beam_shows_no_pose():
+    """Its light goes with the cosine alike for all rows of an image: beside a gain of it, the turn is rounding."""
+    rng = np.random.default_rng(1)
+    turns = [-15.0, -5.0, 5.0, 15.0]
+    step, turn, board = (a.ravel() for a in np.meshgrid(np.arange(15), turns, np.arange(24), indexing="ij"))
+    range_m = np.array([1.4, 2.0, 2.6, 3.1])[board // 6]
+    light = 9e3 * np.array([0.1, 0.3, 0.8])[board % 3] * np.cos(np.radians(turn)) / range_m**2
+    sigma, drive = 1.0 + 0.01 * light, rng.choice([0.4, 1.0, 1.6], len(step))
+    table = {
+        "step": step, "stage_angle_deg": turn, "true_range_m": range_m, "incidence_deg": np.abs(turn),
+        "n_frames": np.ones(len(step), dtype=int), "sim_intensity_counts": light, "sim_intensity_counts_std": sigma,
+        "intensity_counts": light * (1.0 - 0.012 * (step - 7) * drive) + sigma * rng.normal(size=len(step)),
+        "sim_distance_m": range_m, "sim_distance_m_std": np.full(len(step), 0.01),
+        "distance_m": range_m + 0.01 * rng.normal(size=len(step)),
+    }  # fmt: skip
+    assert not [d.channel.name for d in Search(columns_of(pa.table(table)), []).full.data if "pose" in d.tau]
