@@ -18,6 +18,7 @@ from arl_fixtures.reconcile.effects_common import (
     set_light,
     signals,
 )
+from arl_fixtures.reconcile.effects_first_echo import held_at_first_echoes
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illumination, log_profile
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.effects_render import as_simulated, rendered
@@ -241,7 +242,8 @@ def point_elsewhere(
         by_planes: whether planes tell what they can (see `changes_elsewhere`).
     """
     moves = (0.0, 0.0) if beam_turns else (turn, lift)
-    _set_seen(view, state, changes_elsewhere(view, turn, lift, by_planes=by_planes), *moves)
+    changes = held_at_first_echoes(view, changes_elsewhere(view, turn, lift, by_planes=by_planes), turn)
+    _set_seen(view, state, changes, *moves)
 
 
 def look_from(

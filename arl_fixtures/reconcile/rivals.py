@@ -16,7 +16,7 @@ from arl_fixtures.reconcile.patterns import Pattern
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.region import rows_of_most
-from arl_fixtures.reconcile.roles import BEARING_SIGNS, FIELD_COLUMNS, PIXEL_COLUMNS, Role, told_by
+from arl_fixtures.reconcile.roles import BEARING_SIGNS, FIELD_COLUMNS, PER_TURN, PIXEL_COLUMNS, Role, told_by
 from arl_fixtures.reconcile.terms import Term, forward
 from arl_fixtures.reconcile.whitener import Whitener
 
@@ -119,7 +119,8 @@ def needed_by_law(
     share = MIXED_SHARE if at_edges or says_the_same(acting, columns) else BEATEN_SHARE
     known = {_kind_of(c) for term in acting for c in term.variant.drivers}
     # a law of the names' own columns has the freer shape only, where one of others tells of another cause
-    own = {_kind_of(c) for c in columns if c not in FIELD_COLUMNS and c not in BEARING_SIGNS} <= known
+    plain_columns = [c for c in columns if not (c in FIELD_COLUMNS or c in BEARING_SIGNS or _is_turn(c, acting))]
+    own = {_kind_of(c) for c in plain_columns} <= known
     if set(columns) & set(FIELD_COLUMNS):
         own = own and bool(known & PIXEL_COLUMNS)
     if set(columns) & set(BEARING_SIGNS):
@@ -130,6 +131,12 @@ def needed_by_law(
     if any(_follows_order(term) for term in acting) and not ORDERS & set(columns):
         return named  # what was set in that order says as much
     return named + max(least, share * named, BEATEN_PLAIN * plain)
+
+
+def _is_turn(column: str, acting: Sequence[Term]) -> bool:
+    """Whether a column tells how a scene changes as it is turned, of which names that turn it say as much."""
+    turned = column.startswith((PER_TURN, *NEIGHBOURS))
+    return turned and any(t.effect.displaces and "stage_angle_deg" in t.variant.drivers for t in acting)
 
 
 def _follows_order(term: Term) -> bool:
