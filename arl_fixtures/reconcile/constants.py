@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import softmax
 
+from arl_fixtures.reconcile.calibrated_units import Lines
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.decide import Decision
@@ -66,8 +67,10 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
             values = np.where(lone, _less(d.constants(left), sure * alone), values)
             errors = np.where(lone, alone, errors)
             values = np.where(np.abs(values) > CONSTANT_Z * errors, values, np.clip(values, -reach, reach))
-            if d.second is not None and odds.here > FITTED_HERE:
-                values = _line(d, left)  # with its zero: neither is what the findings make of a mean
+            if _is_stretched(decision, d, left - before):
+                values = _line(d, left - before)[:, 0]
+            elif d.second is not None and odds.here > FITTED_HERE:
+                values = _line(d, left)[:, 0]  # with its zero: neither is what the findings make of a mean
         found: dict[str, float] = {}
         for unit in range(d.units):
             first = d.use[np.flatnonzero(d.unit == unit)[0]]
@@ -79,15 +82,32 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
 
 
 def _line(d: ChannelData, residual: FloatArray) -> FloatArray:
-    """Gain of each unit's rows beside their second constant, if they shared no error."""
+    """First and second constant of each unit's rows, if these shared no error; (units, 2)."""
     assert d.second is not None
-    weight, values = d.root_weight**2, np.zeros(d.units)
+    weight, values = d.root_weight**2, np.zeros((d.units, 2))
     for unit in range(d.units):
         rows = (d.unit == unit) & (weight > 0.0)
         root = np.sqrt(weight[rows])
         both = root[:, None] * np.column_stack([d.scale[rows], d.second[rows]])
-        values[unit] = np.linalg.lstsq(both, root * residual[rows], rcond=None)[0][0]
+        values[unit] = np.linalg.lstsq(both, root * residual[rows], rcond=None)[0]
     return values
+
+
+def _is_stretched(decision: Decision, d: ChannelData, residual: FloatArray) -> bool:
+    """Whether findings change the scale of some unit's ranges, of those that a calibration has fitted.
+
+    Args:
+        residual: what they change, by row of the channel.
+    """
+    if d.channel.name not in decision.search.scaled or d.second is None:
+        return False
+    gains, weight = _line(d, residual)[:, 1], d.root_weight**2
+    for unit in range(d.units):
+        rows = d.unit == unit
+        far = d.second[rows] - np.average(d.second[rows], weights=np.maximum(weight[rows], 1e-300))
+        if abs(gains[unit]) * np.sqrt(float(weight[rows] @ far**2)) > CONSTANT_Z:
+            return True
+    return False
 
 
 def zeros_of(decision: Decision, constants: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
@@ -282,3 +302,24 @@ def _by_steps(d: ChannelData, residual: FloatArray, step: Level) -> tuple[FloatA
         scatter = float(np.std(means, ddof=1)) / np.sqrt(len(means)) if len(means) > 1 else np.inf
         values[unit], errors[unit] = float(np.sum(sums) / np.sum(power)), max(white, scatter)
     return values, errors
+
+
+def scales_of(decision: Decision) -> Lines:
+    """Gain less one of each unit's simulated distances, beside the findings and the constants, and no zero.
+
+    Of ranges that a calibration has fitted to the simulation with the findings in them: it is what these make of a
+    line, which no step's own error touches.
+    """
+    problem, state = decision.problem, decision.final_state()
+    untouched = problem.view.fresh_state()
+    code, keys = unit_keys(problem.view, problem.groups.unit_columns)
+    lines: Lines = {}
+    for d in problem.data:
+        name, left = d.channel.name, d.residual(state) - d.residual(untouched)
+        if state[name] is untouched[name] or not _is_stretched(decision, d, left):
+            continue
+        labels = [keys[code[d.use[np.flatnonzero(d.unit == unit)[0]]]] for unit in range(d.units)]
+        lines[name] = {
+            label: (float(gain), 0.0) for label, gain in zip(labels, _line(d, left)[:, 1], strict=True)
+        }
+    return lines

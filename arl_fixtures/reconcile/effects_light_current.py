@@ -18,7 +18,7 @@ _SEEN = (
 )  # fmt: skip
 """Columns that tell what a row looks at."""
 _SAME_LIGHT = 0.02
-"""Scatter of the logarithm of light within one current, device and temperature below which all rows see the same."""
+"""Typical spread of the logarithm of light at one current, device and temperature below which rows see the same."""
 _DIGITS, _ROUNDS = 6, 30
 """Decimals to which the logarithm of two simulated lights agrees, and rounds of the fit of powers."""
 
@@ -110,10 +110,10 @@ def _levels(drive: FloatArray, low: float, high: float) -> IntArray:
 
 
 def _differs(log_light: FloatArray, code: IntArray) -> bool:
-    """Whether rows of one group differ in their light."""
+    """Whether most rows of one group differ in their light; some near a threshold differ by how warm they are."""
     group = np.unique(code, return_inverse=True)[1]
     mean = np.bincount(group, log_light) / np.bincount(group)
-    return float(np.sqrt(np.mean((log_light - mean[group]) ** 2))) > _SAME_LIGHT
+    return float(np.median(np.abs(log_light - mean[group]))) > _SAME_LIGHT
 
 
 def _power_of_levels(log_light: FloatArray, place: IntArray, level: IntArray) -> FloatArray | None:

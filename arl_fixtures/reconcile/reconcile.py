@@ -9,7 +9,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.columns import Columns
-from arl_fixtures.reconcile.constants import constants_of, of_unseen, zeros_of
+from arl_fixtures.reconcile.constants import constants_of, of_unseen, scales_of, zeros_of
 from arl_fixtures.reconcile.decide import Decision
 from arl_fixtures.reconcile.diagnosis import ChannelFit, Diagnosis
 from arl_fixtures.reconcile.effect import Effect
@@ -56,7 +56,7 @@ def diagnose(
         diagnosis, found.problem.groups.unit_columns, relative, gaps, columns.ceilings,
         units=of_unseen(decision, constants), rays_derived=bool(columns.derived), lens=columns.lens,
         smoothed=decision.search.smoothed, zeros=zeros_of(decision, constants) if findings else None,
-        lines=search.lines,
+        lines={**search.lines, **(scales_of(decision) if findings else {})},
     )  # fmt: skip
     return diagnosis, model, decision
 

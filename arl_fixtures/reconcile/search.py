@@ -39,6 +39,7 @@ from arl_fixtures.reconcile.effect import Effect
 from arl_fixtures.reconcile.effects_bench import is_zero_fitted
 from arl_fixtures.reconcile.first_round_again import behind_zeros, with_constants_held
 from arl_fixtures.reconcile.fit import Fit, finish, fit, hold_back_edges
+from arl_fixtures.reconcile.fitted_scales import free_scales, with_fitted_scales
 from arl_fixtures.reconcile.grouping import find_groups, typical_gaps
 from arl_fixtures.reconcile.misfit import is_misfit
 from arl_fixtures.reconcile.noise import ordered_like
@@ -116,6 +117,7 @@ class Search:
         self.failed: dict[str, str] = {}
         self.progress("first look", 0.05)
         self.lines: Lines = {}
+        self.scaled: frozenset[str] = frozenset()
         self.before: dict[str, Structure] = {}
         self._open(draw_rows(columns, self.groups, FULL_ROWS))
         self.lines = find_lines(self.full, self.before)
@@ -124,6 +126,8 @@ class Search:
             self._open(self.full.view.rows)
         if leave_out_dead(self.full, effects):
             self.before = self._structure()
+        self.scaled = with_fitted_scales(self.full, self.before)
+        free_scales(self.full, self.scaled)
         self.small = small_part(self.full)
         self._free(self.small)
         self.variants = all_variants(self.small, effects, self.failed)
@@ -143,6 +147,7 @@ class Search:
         """Let free what whoever made the table has fitted to it."""
         free_lines(problem, self.lines)
         free_fitted_zeros(problem)
+        free_scales(problem, self.scaled)
 
     def _structure(self) -> dict[str, Structure]:
         empty = forward([], self.full.view)

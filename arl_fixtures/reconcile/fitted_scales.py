@@ -1,0 +1,49 @@
+"""Ranges that a calibration has fitted to the simulation in offset and scale, with the effect in them.
+
+A line through ranges takes an effect's slope along. Once the effect is taken away, ranges are stretched by what it
+made of the line, and a clock would be named that runs as it should. Where ranges differ from a simulation in more
+than noise and do not lean on its ranges at all, a scale of each device stays free beside the effects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from arl_fixtures.reconcile.calibrated_units import fitted_lines
+from arl_fixtures.reconcile.pilot import Structure
+from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.rivals import is_structure
+from arl_fixtures.reconcile.roles import Role
+
+FITTED_Z = 2.0
+"""Standard errors within which a fitted scale is nil."""
+SCALE_SHARE = 0.005
+"""Size of a scale that a calibration is expected to leave: of an effect of millimetres over metres."""
+
+
+def with_fitted_scales(problem: Problem, before: Mapping[str, Structure]) -> frozenset[str]:
+    """Distances whose scale was fitted to these rows.
+
+    Args:
+        problem: of the table; before: structure in each channel beside a constant of each unit.
+    """
+    found = set()
+    for d in problem.data:
+        if d.channel.role is not Role.DISTANCE or not d.calibrated or d.second is not None:
+            continue
+        if not is_structure(before[d.channel.name]):
+            continue
+        lines = fitted_lines(problem, d)
+        if lines is not None and np.all(np.abs(lines.values[:, 0]) < FITTED_Z * lines.errors[:, 0]):
+            found.add(d.channel.name)
+    return frozenset(found)
+
+
+def free_scales(problem: Problem, channels: frozenset[str]) -> None:
+    """Let the scale of each unit's distances stay free beside the effects."""
+    for d in problem.data:
+        if d.channel.name in channels and d.second is None:
+            d.free_second(SCALE_SHARE, problem.view.sim[d.channel.name][d.use])
+            d.rebuild(d.tau)
