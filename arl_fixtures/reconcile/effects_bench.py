@@ -27,7 +27,7 @@ from arl_fixtures.reconcile.effects_bench_sample import (
     unequal,
 )
 from arl_fixtures.reconcile.effects_bench_scene import scenes_of
-from arl_fixtures.reconcile.effects_camera import Camera, cameras_of
+from arl_fixtures.reconcile.effects_camera import Camera, cameras_of, places_in_image
 from arl_fixtures.reconcile.effects_common import distances, per_table, signals
 from arl_fixtures.reconcile.effects_rays import Optics, Spots
 from arl_fixtures.reconcile.roles import per_metre, unit_of
@@ -131,7 +131,8 @@ def _through(view: View, camera: Camera, scene: SceneSettings, code: IntArray, f
         code: spot of every row of the whole table; first: a row of each spot.
     """
     table = view.columns
-    u, v, stage = (table.numbers[name][first] for name in ("pixel_u", "pixel_v", "stage_angle_deg"))
+    u, v = places_in_image(view, camera, first)
+    stage = table.numbers["stage_angle_deg"][first]
     lit, ranged = next(iter(signals(view)), ""), next(iter(distances(view)), "")
     unit = per_metre(unit_of(ranged))
     device = np.unique(table.group("dut")[first], return_inverse=True)[1]

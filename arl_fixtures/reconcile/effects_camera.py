@@ -13,6 +13,7 @@ from arl_fixtures.reconcile.view import View
 from arl_fixtures.twin.projection import Intrinsics
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 _BEAM_DEG = (75.0, 18.0)
 _SAME_RAY_DEG = 0.02
@@ -47,6 +48,13 @@ class Camera:
         ahead, left, up = self.rays(u, v)
         return np.degrees(np.arctan2(-left, ahead)), np.degrees(np.arcsin(up))
 
+    def places_of(self, azimuth_deg: FloatArray, elevation_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Image positions of rays, the inverse of `angles_deg`."""
+        x = np.tan(np.radians(azimuth_deg))
+        y = -np.tan(np.radians(elevation_deg)) * np.sqrt(1.0 + x * x)
+        shrink = 1.0 / (1.0 + self.k4 * (x * x + y * y))
+        return self.cx + self.fx * x * shrink, self.cy + self.fy * y * shrink
+
     def pixel_rad(self, pixels: FloatArray | float) -> tuple[FloatArray | float, FloatArray | float]:
         """Angle of a length in pixels in the middle of the image, across and upwards."""
         return pixels / self.fx, pixels / self.fy
@@ -68,6 +76,25 @@ def cameras_of(view: View) -> tuple[Camera, ...]:
     its pixels binned by two and by four.
     """
     return per_table(view, "cameras", lambda: _find(view))
+
+
+def places_in_image(view: View, camera: Camera, first: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Where in a camera's image rows look: at their pixels, or where rays of devices with other cameras would lie.
+
+    Args:
+        view: of the table; camera: of one of its devices; first: rows of the whole table.
+    """
+    table = view.columns
+    u, v = (table.numbers[name][first].astype(np.float64) for name in ("pixel_u", "pixel_v"))
+    if not {"azimuth_deg", "elevation_deg"} <= set(table.numbers):
+        return u, v
+    across, along = camera.places_of(*(table.numbers[name][first] for name in ("azimuth_deg", "elevation_deg")))
+    device = np.unique(table.group("dut")[first], return_inverse=True)[1]
+    miss = np.nan_to_num(np.hypot(across - u, along - v))
+    worst = np.zeros(int(device.max()) + 1)
+    np.maximum.at(worst, device, miss)
+    other = (worst > _SAME_PIXEL)[device] & np.isfinite(across) & np.isfinite(along)
+    return np.where(other, across, u), np.where(other, along, v)
 
 
 def _find(view: View) -> tuple[Camera, ...]:
