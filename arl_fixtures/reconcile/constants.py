@@ -24,6 +24,8 @@ PRIOR = (0.4, 0.2, 0.4)
 """Of a simulation calibrated on these rows, on others with the same effect, and without the effect."""
 FITTED_HERE = 0.5
 """Probability of a calibration on these rows from which gain and zero are both what it took of the findings."""
+SCALE_Z = 3.0
+"""Errors by which ranges must be stretched less than findings do, for a calibration to have taken it away."""
 FITTED_ERRORS = 1.5
 """Rows' own errors of the mean within which a simulation agrees that was calibrated on these very rows."""
 
@@ -54,6 +56,10 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
         floats = any(t.effect.floating and d.channel.name in t.variant.channels[:1] for t in decision.terms)
         sure = 0.0 if floats else 1.0 if d.channel.name in lawful else NAMED_ERRORS
         before, left = d.residual(untouched), d.residual(state)
+        stretched = acted and _is_stretched(decision, d, left - before)
+        if d.channel.name in decision.search.scaled and not stretched:
+            d.hold_second()
+            d.rebuild(d.tau)
         values, errors = _shrunk(d, left, sure) if acted else _plain(d, left)
         if acted:
             reach = reach_of(d, before - left)
@@ -67,7 +73,7 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
             values = np.where(lone, _less(d.constants(left), sure * alone), values)
             errors = np.where(lone, alone, errors)
             values = np.where(np.abs(values) > CONSTANT_Z * errors, values, np.clip(values, -reach, reach))
-            if _is_stretched(decision, d, left - before):
+            if stretched:
                 values = _line(d, left - before)[:, 0]
             elif d.second is not None and odds.here > FITTED_HERE:
                 values = _line(d, left)[:, 0]  # with its zero: neither is what the findings make of a mean
@@ -93,21 +99,17 @@ def _line(d: ChannelData, residual: FloatArray) -> FloatArray:
     return values
 
 
-def _is_stretched(decision: Decision, d: ChannelData, residual: FloatArray) -> bool:
-    """Whether findings change the scale of some unit's ranges, of those that a calibration has fitted.
+def _is_stretched(decision: Decision, d: ChannelData, change: FloatArray) -> bool:
+    """Whether findings stretch some unit's ranges, which are not stretched as far as the rows tell.
 
     Args:
-        residual: what they change, by row of the channel.
+        change: what the findings take from the channel's rows.
     """
-    if d.channel.name not in decision.search.scaled or d.second is None:
+    errors = decision.search.scaled.get(d.channel.name)
+    if errors is None or d.second is None:
         return False
-    gains, weight = _line(d, residual)[:, 1], d.root_weight**2
-    for unit in range(d.units):
-        rows = d.unit == unit
-        far = d.second[rows] - np.average(d.second[rows], weights=np.maximum(weight[rows], 1e-300))
-        if abs(gains[unit]) * np.sqrt(float(weight[rows] @ far**2)) > CONSTANT_Z:
-            return True
-    return False
+    seen = _line(d, d.residual(decision.problem.view.fresh_state()))
+    return bool(np.any(np.abs(seen + _line(d, change))[:, 1] > SCALE_Z * errors))
 
 
 def zeros_of(decision: Decision, constants: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:

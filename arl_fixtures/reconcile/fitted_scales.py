@@ -7,11 +7,12 @@ than noise and do not lean on its ranges at all, a scale of each device stays fr
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 
 import numpy as np
 
 from arl_fixtures.reconcile.calibrated_units import fitted_lines
+from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.pilot import Structure
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.rivals import is_structure
@@ -23,13 +24,13 @@ SCALE_SHARE = 0.005
 """Size of a scale that a calibration is expected to leave: of an effect of millimetres over metres."""
 
 
-def with_fitted_scales(problem: Problem, before: Mapping[str, Structure]) -> frozenset[str]:
-    """Distances whose scale was fitted to these rows.
+def with_fitted_scales(problem: Problem, before: Mapping[str, Structure]) -> dict[str, FloatArray]:
+    """Distances whose scale may have been fitted to these rows, and the error of each unit's scale, (units,).
 
     Args:
         problem: of the table; before: structure in each channel beside a constant of each unit.
     """
-    found = set()
+    found: dict[str, FloatArray] = {}
     for d in problem.data:
         if d.channel.role is not Role.DISTANCE or not d.calibrated or d.second is not None:
             continue
@@ -37,11 +38,11 @@ def with_fitted_scales(problem: Problem, before: Mapping[str, Structure]) -> fro
             continue
         lines = fitted_lines(problem, d)
         if lines is not None and np.all(np.abs(lines.values[:, 0]) < FITTED_Z * lines.errors[:, 0]):
-            found.add(d.channel.name)
-    return frozenset(found)
+            found[d.channel.name] = lines.errors[:, 0]
+    return found
 
 
-def free_scales(problem: Problem, channels: frozenset[str]) -> None:
+def free_scales(problem: Problem, channels: Container[str]) -> None:
     """Let the scale of each unit's distances stay free beside the effects."""
     for d in problem.data:
         if d.channel.name in channels and d.second is None:

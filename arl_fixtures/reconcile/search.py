@@ -31,7 +31,7 @@ from arl_fixtures.reconcile.calibrated_units import (
     free_lines,
 )
 from arl_fixtures.reconcile.carried_gains import carry_gains
-from arl_fixtures.reconcile.columns import Columns, IntArray
+from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray
 from arl_fixtures.reconcile.crowded_out import only, other_variants, simpler_lookalikes, where_nothing_acts
 from arl_fixtures.reconcile.dead import leave_out_dead
 from arl_fixtures.reconcile.derived_rays import derive_rays
@@ -117,7 +117,7 @@ class Search:
         self.failed: dict[str, str] = {}
         self.progress("first look", 0.05)
         self.lines: Lines = {}
-        self.scaled: frozenset[str] = frozenset()
+        self.scaled: dict[str, FloatArray] = {}
         self.before: dict[str, Structure] = {}
         self._open(draw_rows(columns, self.groups, FULL_ROWS))
         self.lines = find_lines(self.full, self.before)
