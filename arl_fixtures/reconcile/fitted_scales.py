@@ -12,6 +12,7 @@ from collections.abc import Container, Mapping
 import numpy as np
 
 from arl_fixtures.reconcile.calibrated_units import fitted_lines
+from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.pilot import Structure
 from arl_fixtures.reconcile.problem import Problem
@@ -20,6 +21,8 @@ from arl_fixtures.reconcile.roles import Role
 
 FITTED_Z = 2.0
 """Standard errors within which a fitted scale is nil."""
+STAYING, _DIGITS = 0.5, 6
+"""Share of what exceeds the noise that rows of one simulated range must have in common, and its decimals."""
 SCALE_SHARE = 0.005
 """Size of a scale that a calibration is expected to leave: of an effect of millimetres over metres."""
 
@@ -34,12 +37,24 @@ def with_fitted_scales(problem: Problem, before: Mapping[str, Structure]) -> dic
     for d in problem.data:
         if d.channel.role is not Role.DISTANCE or not d.calibrated or d.second is not None:
             continue
-        if not is_structure(before[d.channel.name]):
+        if not is_structure(before[d.channel.name]) or not _stays(problem, d):
             continue
         lines = fitted_lines(problem, d)
         if lines is not None and np.all(np.abs(lines.values[:, 0]) < FITTED_Z * lines.errors[:, 0]):
             found[d.channel.name] = lines.errors[:, 0]
     return found
+
+
+def _stays(problem: Problem, d: ChannelData) -> bool:
+    """Whether most of what differs does so alike in all steps: what comes and goes with a step leaves no scale."""
+    residual, weight = d.residual(problem.view.fresh_state()), d.root_weight**2
+    mean = np.bincount(d.unit, weight * residual) / np.maximum(np.bincount(d.unit, weight), 1e-300)
+    residual = residual - mean[d.unit]
+    simulated = np.round(problem.view.sim[d.channel.name][d.use], _DIGITS)
+    place = np.unique(np.stack([d.unit, simulated]), axis=1, return_inverse=True)[1].ravel()
+    power, pull = np.bincount(place, weight), np.bincount(place, weight * residual)
+    alike = float(np.sum(pull**2 / np.maximum(power, 1e-300))) - np.count_nonzero(power > 0.0)
+    return bool(alike > STAYING * (float(weight @ residual**2) - np.count_nonzero(weight > 0.0)))
 
 
 def free_scales(problem: Problem, channels: Container[str]) -> None:

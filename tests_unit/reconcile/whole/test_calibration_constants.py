@@ -153,6 +153,7 @@ def test_a_single_step_keeps_the_gain_that_a_user_fitted_beside_a_zero():
     state = problem.view.fresh_state()
     named = state["intensity_counts"] * np.where(light > 300.0, 1.1, 1.0)
     decision = SimpleNamespace(
+        search=SimpleNamespace(scaled={}),
         problem=problem, final_state=lambda: {**state, "intensity_counts": named}, laws=[], terms=[]
     )
     gains = constants_of(decision)
@@ -181,6 +182,7 @@ def test_gain_and_zero_that_a_user_fitted_are_taken_back_together(seed):
     state = problem.view.fresh_state()
     named = state["intensity_counts"] * (1.0 + 0.06 * np.tan(aslant) ** 2)
     decision = SimpleNamespace(
+        search=SimpleNamespace(scaled={}),
         problem=problem, final_state=lambda: {**state, "intensity_counts": named}, laws=[], terms=[]
     )
     gains = constants_of(decision)
@@ -203,6 +205,7 @@ def test_a_single_step_keeps_the_gain_beside_a_law_that_is_nil_at_the_other_end(
     state = problem.view.fresh_state()
     named = state["intensity_counts"] * (1.0 + gleam - 0.02)
     decision = SimpleNamespace(
+        search=SimpleNamespace(scaled={}),
         problem=problem, final_state=lambda: {**state, "intensity_counts": named}, laws=[], terms=[]
     )
     gain = constants_of(decision)["intensity_counts"][""]
