@@ -18,6 +18,7 @@ from arl_fixtures.reconcile.diagnosis import ChannelFit, Finding
 from arl_fixtures.reconcile.effect import Effect, State
 from arl_fixtures.reconcile.findings import law_finding, named_finding, ordered, pattern_finding, scatter_finding
 from arl_fixtures.reconcile.fit import Fit, finish, fit
+from arl_fixtures.reconcile.fitted_scales import hold_unneeded
 from arl_fixtures.reconcile.free_constants import constant_z
 from arl_fixtures.reconcile.gate import drop_fallen, drop_needless
 from arl_fixtures.reconcile.held_out import held_out_without, mean_square
@@ -82,11 +83,13 @@ class Decision:
             self.keep(own)
             self.look()
         self._tell_units_apart()
+        hold_unneeded(self)
         find_laws(self)
         for drop in (drop_doubtful, drop_needless, drop_shadowed):
             if drop(self):
                 self.laws = []
                 self.look()
+                hold_unneeded(self)
                 find_laws(self)
         name_near_miss(self)
         find_smooth(self)

@@ -8,6 +8,7 @@ than noise and do not lean on its ranges at all, a scale of each device stays fr
 from __future__ import annotations
 
 from collections.abc import Container, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from arl_fixtures.reconcile.pilot import Structure
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.rivals import is_structure
 from arl_fixtures.reconcile.roles import Role
+
+if TYPE_CHECKING:
+    from arl_fixtures.reconcile.decide import Decision
 
 FITTED_Z = 2.0
 """Standard errors within which a fitted scale is nil."""
@@ -63,3 +67,16 @@ def free_scales(problem: Problem, channels: Container[str]) -> None:
         if d.channel.name in channels and d.second is None:
             d.free_second(SCALE_SHARE, problem.view.sim[d.channel.name][d.use])
             d.rebuild(d.tau)
+
+
+def hold_unneeded(decision: Decision) -> None:
+    """Take free scales away from channels that no name changes: a law says what rows say, their scale included."""
+    acted = {channel for term in decision.best.terms for channel in decision.energy(term)}
+    unneeded = set(decision.search.scaled) - acted
+    for d in decision.problem.data:
+        if d.channel.name in unneeded:
+            d.hold_second()
+            d.rebuild(d.tau)
+            del decision.search.scaled[d.channel.name]
+    if unneeded:
+        decision.look()

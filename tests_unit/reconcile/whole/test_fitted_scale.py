@@ -1,10 +1,13 @@
 """A converter's uneven cells whose line a calibration has taken away: no clock is named that runs as it should."""
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from foretold import share_told
 
 from arl_fixtures.reconcile.command import reconcile
+from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.table import columns_of
 
 CELLS, PERIOD_M = 64, 0.93
 STRETCH = 8e-3
@@ -53,3 +56,21 @@ def test_a_clock_that_runs_fast_is_named_beside_the_cells(tmp_path, save):
 def test_nothing_is_stretched_where_nothing_differs(tmp_path, save):
     table, _, _ = boards(4, np.arange(12), calibrated=True, depth=0.0)
     assert reconcile(save(tmp_path / "table.parquet", table), tmp_path / "out").verdict == "consistent"
+
+
+def glazed(seed, steps):
+    """The same behind a line, of which boards stand behind a pane that delays light by 3 mm where it is hung."""
+    table, nominal, _ = boards(seed, steps, calibrated=True, depth=0.0)
+    bearing = np.degrees(np.arccos(np.cos(7.0 * nominal)))
+    delay = 0.003 * np.sqrt(np.clip(1.0 - ((bearing - 80.0) / 45.0) ** 2, 0.0, None))
+    delay = delay - np.polyval(np.polyfit(nominal, delay, 1), nominal)
+    table["distance_m"] += delay
+    return table | {"azimuth_deg": bearing}, nominal, nominal + delay
+
+
+def test_beside_a_law_without_a_name_no_scale_is_foretold():
+    table, _, _ = glazed(5, np.arange(12))
+    diagnosis, model, decision = diagnose(columns_of(pa.table(table)))
+    assert [f.effect for f in diagnosis.findings] == ["unknown"]
+    assert not model.lines
+    assert not decision.search.scaled
