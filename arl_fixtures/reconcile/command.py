@@ -10,6 +10,7 @@ import click
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from threadpoolctl import threadpool_limits
 
 from arl_fixtures.errors import ArlError, DataError
 from arl_fixtures.reconcile.calibrated_units import calibrate_simulation
@@ -52,7 +53,9 @@ def reconcile(table_path: Path, out_dir: Path, progress: ProgressCall | None = N
         raise DataError(f"{out_dir}: is a file; expected a folder to write into")
     columns = load_table(table_path)
     rows = open_table(table_path).metadata.num_rows
-    diagnosis, model, decision = diagnose(columns, sha256=sha256_of(table_path), rows=rows, progress=progress)
+    # sums over several threads round otherwise, and a fit may end elsewhere: one thread says the same on any machine
+    with threadpool_limits(1, user_api="blas"):
+        diagnosis, model, decision = diagnose(columns, sha256=sha256_of(table_path), rows=rows, progress=progress)
     diagnosis.invisible.update(invisible_effects(decision))
     told = in_own_words(diagnosis, columns.given)
     report: ProgressCall = progress or (lambda _text, _share: None)

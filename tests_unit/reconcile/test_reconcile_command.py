@@ -8,6 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from arl_fixtures.reconcile import parcels, table
 from arl_fixtures.reconcile.command import predict, reconcile, reconcile_command
@@ -194,3 +195,21 @@ def test_a_table_without_pixels_angles_or_temperatures_is_compared_too(tmp_path,
     diagnosis = reconcile(save(tmp_path / "u.parquet", table), tmp_path / "out2")
     assert diagnosis.verdict == "mismatch"
     assert diagnosis.fit["output_w"].after < 0.3 * diagnosis.fit["output_w"].before
+
+
+def test_sums_are_made_in_one_thread_whatever_the_machine_allows(tmp_path, make_table, save, knows_only):
+    """Several threads round otherwise, and a fit may end elsewhere."""
+    knows_only("timing.clock_scale")
+    seen = []
+
+    def threads():
+        return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+    with threadpool_limits(2, user_api="blas"):
+        reconcile(
+            save(tmp_path / "t.parquet", make_table(1, steps=3, duts=1)), tmp_path / "out",
+            lambda text, _share: seen.append((text, threads())),
+        )  # fmt: skip
+        assert threads() == {2}
+    assert all(found == {1} for text, found in seen if text.startswith("search"))
+    assert any(text.startswith("search") for text, _ in seen)
