@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from arl_fixtures.reconcile.effects_common import FloatArray, distances, per_table, signals
-from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illumination, log_profile
+from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illumination, log_profile, ray_column
 from arl_fixtures.reconcile.effects_pointing import changes_elsewhere
 from arl_fixtures.reconcile.effects_scene import gap_of, pixel_width, scene, sweeps_pixels
 from arl_fixtures.reconcile.view import View
@@ -40,7 +40,7 @@ def _pixel_height(view: View) -> float:
     def measure() -> float:
         if not (view.varies("pixel_v") and view.varies("elevation_deg")):
             return 0.0
-        row, el = view.columns.numbers["pixel_v"], view.columns.numbers["elevation_deg"]
+        row, el = view.columns.numbers["pixel_v"], ray_column(view, "elevation_deg")
         good = np.isfinite(row) & np.isfinite(el)
         centred = row[good] - row[good].mean()
         return float(centred @ el[good]) / float(centred @ centred)

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from arl_fixtures.reconcile.calibrated_units import fitted_lines
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.pilot import Structure
@@ -43,10 +42,35 @@ def with_fitted_scales(problem: Problem, before: Mapping[str, Structure]) -> dic
             continue
         if not is_structure(before[d.channel.name]) or not _stays(problem, d):
             continue
-        lines = fitted_lines(problem, d)
-        if lines is not None and np.all(np.abs(lines.values[:, 0]) < FITTED_Z * lines.errors[:, 0]):
-            found[d.channel.name] = lines.errors[:, 0]
+        slopes, errors = _slopes(problem, d)
+        if np.all(np.abs(slopes) < FITTED_Z * errors):
+            found[d.channel.name] = errors
     return found
+
+
+def _slopes(problem: Problem, d: ChannelData) -> tuple[FloatArray, FloatArray]:
+    """How much of its simulated range each unit is off, and the error of that, (units,) each.
+
+    What rows of one range or of one step share counts once: a curve that stays is no scatter of rows.
+    """
+    residual, weight = d.residual(problem.view.fresh_state()), d.root_weight**2
+    far, step = problem.view.sim[d.channel.name][d.use], problem.groups.step
+    slopes, errors = np.zeros(d.units), np.zeros(d.units)
+    for unit in range(d.units):
+        rows = np.flatnonzero((d.unit == unit) & (weight > 0.0))
+        if not rows.size:
+            continue
+        w, x, y = weight[rows], far[rows], residual[rows]
+        x, y = x - np.average(x, weights=w), y - np.average(y, weights=w)
+        power = max(float(w @ x**2), 1e-300)
+        slopes[unit] = float(w @ (x * y)) / power
+        score = w * x * (y - slopes[unit] * x)
+        for group in (np.round(far[rows], _DIGITS), None if step is None else step[problem.view.rows[d.use[rows]]]):
+            if group is not None:
+                code = np.unique(group, return_inverse=True)[1]
+                told = float(np.sqrt(np.sum(np.bincount(code, score) ** 2))) / power
+                errors[unit] = max(errors[unit], told)
+    return slopes, errors
 
 
 def _stays(problem: Problem, d: ChannelData) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.diagnosis import HeldOut
 from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.noise import less_constants
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.terms import Term, forward
 
@@ -28,9 +29,14 @@ def held_out_without(
 
 
 def mean_square(d: ChannelData, state: State, *, centred: bool = False) -> float:
-    """Mean squared residual in standard errors; outliers weigh as in the fit. Centred: beside a gain or offset."""
+    """Mean squared residual in standard errors; outliers weigh as in the fit.
+
+    Centred: beside a gain or offset, and beside a scale of distances that a calibration has fitted.
+    """
     residual = d.residual(state)
-    if centred and d.calibrated:
+    if centred and d.channel.role is Role.DISTANCE and d.second is not None:
+        residual = less_constants(residual, d.scale, d.root_weight**2, d.unit, second=d.second)
+    elif centred and d.calibrated:
         # a gain belongs to what is corrected, not to the simulation before it
         along = state[d.channel.name][d.use] if d.channel.role is Role.INTENSITY else np.ones(len(residual))
         weight = d.root_weight**2 * along

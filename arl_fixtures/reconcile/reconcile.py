@@ -42,11 +42,12 @@ def diagnose(
     findings, fits = decision.run()
     fits = {name: _agreeing(name, fit, decision) for name, fit in fits.items()}
     constants = constants_of(decision) if findings else {}
+    lines = {**search.lines, **(scales_of(decision) if findings else {})}
     diagnosis = Diagnosis(
         sha256=sha256, rows=columns.n if rows is None else rows,
         channels=[d.channel.name for d in found.problem.data],
         false_alarm_probability=_chance_of(found, decision), findings=findings, fit=fits, constants=constants,
-        notes={**columns.ignored, **search.failed, **found.looker.failed}, lines=search.lines,
+        notes={**columns.ignored, **search.failed, **found.looker.failed}, lines=lines,
     )  # fmt: skip
     relative = tuple(
         d.channel.name for d in found.problem.data if d.channel.role in {Role.INTENSITY, Role.SCATTER}
@@ -56,7 +57,7 @@ def diagnose(
         diagnosis, found.problem.groups.unit_columns, relative, gaps, columns.ceilings,
         units=of_unseen(decision, constants), rays_derived=bool(columns.derived), lens=columns.lens,
         smoothed=decision.search.smoothed, zeros=zeros_of(decision, constants) if findings else None,
-        lines={**search.lines, **(scales_of(decision) if findings else {})},
+        lines=lines,
     )  # fmt: skip
     return diagnosis, model, decision
 
