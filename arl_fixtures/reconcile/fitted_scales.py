@@ -51,7 +51,7 @@ def with_fitted_scales(problem: Problem, before: Mapping[str, Structure]) -> dic
 def _slopes(problem: Problem, d: ChannelData) -> tuple[FloatArray, FloatArray]:
     """How much of its simulated range each unit is off, and the error of that, (units,) each.
 
-    What rows of one range or of one step share counts once: a curve that stays is no scatter of rows.
+    Plain least squares, as a calibration fits: a line that holds back what is far off leans on a curve that stays.
     """
     residual, weight = d.residual(problem.view.fresh_state()), d.root_weight**2
     far, step = problem.view.sim[d.channel.name][d.use], problem.groups.step
@@ -65,7 +65,7 @@ def _slopes(problem: Problem, d: ChannelData) -> tuple[FloatArray, FloatArray]:
         power = max(float(w @ x**2), 1e-300)
         slopes[unit] = float(w @ (x * y)) / power
         score = w * x * (y - slopes[unit] * x)
-        for group in (np.round(far[rows], _DIGITS), None if step is None else step[problem.view.rows[d.use[rows]]]):
+        for group in (rows, None if step is None else step[problem.view.rows[d.use[rows]]]):
             if group is not None:
                 code = np.unique(group, return_inverse=True)[1]
                 told = float(np.sqrt(np.sum(np.bincount(code, score) ** 2))) / power
