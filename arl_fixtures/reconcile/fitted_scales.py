@@ -65,11 +65,8 @@ def _slopes(problem: Problem, d: ChannelData) -> tuple[FloatArray, FloatArray]:
         power = max(float(w @ x**2), 1e-300)
         slopes[unit] = float(w @ (x * y)) / power
         score = w * x * (y - slopes[unit] * x)
-        for group in (rows, None if step is None else step[problem.view.rows[d.use[rows]]]):
-            if group is not None:
-                code = np.unique(group, return_inverse=True)[1]
-                told = float(np.sqrt(np.sum(np.bincount(code, score) ** 2))) / power
-                errors[unit] = max(errors[unit], told)
+        by_step = score if step is None else np.bincount(step[problem.view.rows[d.use[rows]]], score)
+        errors[unit] = max(float(np.linalg.norm(score)), float(np.linalg.norm(by_step))) / power
     return slopes, errors
 
 
