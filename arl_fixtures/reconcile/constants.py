@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import softmax
 
-from arl_fixtures.reconcile.calibrated_units import Lines
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.decide import Decision
+from arl_fixtures.reconcile.fitted_scales import is_stretched, line_of
 from arl_fixtures.reconcile.model_file import unit_keys
 from arl_fixtures.reconcile.noise import Level
 from arl_fixtures.reconcile.roles import Role
@@ -24,8 +24,6 @@ PRIOR = (0.4, 0.2, 0.4)
 """Of a simulation calibrated on these rows, on others with the same effect, and without the effect."""
 FITTED_HERE = 0.5
 """Probability of a calibration on these rows from which gain and zero are both what it took of the findings."""
-SCALE_Z = 3.0
-"""Errors by which ranges must be stretched less than findings do, for a calibration to have taken it away."""
 FITTED_ERRORS = 1.5
 """Rows' own errors of the mean within which a simulation agrees that was calibrated on these very rows."""
 
@@ -56,10 +54,7 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
         floats = any(t.effect.floating and d.channel.name in t.variant.channels[:1] for t in decision.terms)
         sure = 0.0 if floats else 1.0 if d.channel.name in lawful else NAMED_ERRORS
         before, left = d.residual(untouched), d.residual(state)
-        stretched = acted and _is_stretched(decision, d, left - before)
-        if d.channel.name in decision.search.scaled and not stretched:
-            d.hold_second()
-            d.rebuild(d.tau)
+        stretched = acted and is_stretched(decision, d, left - before)
         values, errors = _shrunk(d, left, sure) if acted else _plain(d, left)
         if acted:
             reach = reach_of(d, before - left)
@@ -74,9 +69,9 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
             errors = np.where(lone, alone, errors)
             values = np.where(np.abs(values) > CONSTANT_Z * errors, values, np.clip(values, -reach, reach))
             if stretched:
-                values = _line(d, left - before)[:, 0]
+                values = line_of(d, left - before)[:, 0]
             elif d.second is not None and odds.here > FITTED_HERE:
-                values = _line(d, left)[:, 0]  # with its zero: neither is what the findings make of a mean
+                values = line_of(d, left)[:, 0]  # with its zero: neither is what the findings make of a mean
         found: dict[str, float] = {}
         for unit in range(d.units):
             first = d.use[np.flatnonzero(d.unit == unit)[0]]
@@ -85,31 +80,6 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
         if found:
             result[d.channel.name] = found
     return result
-
-
-def _line(d: ChannelData, residual: FloatArray) -> FloatArray:
-    """First and second constant of each unit's rows, if these shared no error; (units, 2)."""
-    assert d.second is not None
-    weight, values = d.root_weight**2, np.zeros((d.units, 2))
-    for unit in range(d.units):
-        rows = (d.unit == unit) & (weight > 0.0)
-        root = np.sqrt(weight[rows])
-        both = root[:, None] * np.column_stack([d.scale[rows], d.second[rows]])
-        values[unit] = np.linalg.lstsq(both, root * residual[rows], rcond=None)[0]
-    return values
-
-
-def _is_stretched(decision: Decision, d: ChannelData, change: FloatArray) -> bool:
-    """Whether findings stretch some unit's ranges, which are not stretched as far as the rows tell.
-
-    Args:
-        change: what the findings take from the channel's rows.
-    """
-    errors = decision.search.scaled.get(d.channel.name)
-    if errors is None or d.second is None:
-        return False
-    seen = _line(d, d.residual(decision.problem.view.fresh_state()))
-    return bool(np.any(np.abs(seen + _line(d, change))[:, 1] > SCALE_Z * errors))
 
 
 def zeros_of(decision: Decision, constants: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
@@ -304,24 +274,3 @@ def _by_steps(d: ChannelData, residual: FloatArray, step: Level) -> tuple[FloatA
         scatter = float(np.std(means, ddof=1)) / np.sqrt(len(means)) if len(means) > 1 else np.inf
         values[unit], errors[unit] = float(np.sum(sums) / np.sum(power)), max(white, scatter)
     return values, errors
-
-
-def scales_of(decision: Decision) -> Lines:
-    """Gain less one of each unit's simulated distances, beside the findings and the constants, and no zero.
-
-    Of ranges that a calibration has fitted to the simulation with the findings in them: it is what these make of a
-    line, which no step's own error touches.
-    """
-    problem, state = decision.problem, decision.final_state()
-    untouched = problem.view.fresh_state()
-    code, keys = unit_keys(problem.view, problem.groups.unit_columns)
-    lines: Lines = {}
-    for d in problem.data:
-        name, left = d.channel.name, d.residual(state) - d.residual(untouched)
-        if state[name] is untouched[name] or not _is_stretched(decision, d, left):
-            continue
-        labels = [keys[code[d.use[np.flatnonzero(d.unit == unit)[0]]]] for unit in range(d.units)]
-        lines[name] = {
-            label: (float(gain), 0.0) for label, gain in zip(labels, _line(d, left)[:, 1], strict=True)
-        }
-    return lines

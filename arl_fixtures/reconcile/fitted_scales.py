@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from arl_fixtures.reconcile.calibrated_units import Lines
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.model_file import unit_keys
 from arl_fixtures.reconcile.pilot import Structure
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.rivals import is_structure
@@ -26,6 +28,8 @@ FITTED_Z = 2.0
 """Standard errors within which a fitted scale is nil."""
 STAYING, _DIGITS = 0.5, 6
 """Share of what exceeds the noise that rows of one simulated range must have in common, and its decimals."""
+SCALE_Z = 3.0
+"""Errors by which ranges must be stretched less than findings do, for a calibration to have taken it away."""
 SCALE_SHARE = 0.005
 """Size of a scale that a calibration is expected to leave: of an effect of millimetres over metres."""
 
@@ -101,3 +105,59 @@ def hold_unneeded(decision: Decision) -> None:
             del decision.search.scaled[d.channel.name]
     if unneeded:
         decision.look()
+
+
+def line_of(d: ChannelData, residual: FloatArray) -> FloatArray:
+    """First and second constant of each unit's rows, if these shared no error; (units, 2)."""
+    assert d.second is not None
+    weight, values = d.root_weight**2, np.zeros((d.units, 2))
+    for unit in range(d.units):
+        rows = (d.unit == unit) & (weight > 0.0)
+        root = np.sqrt(weight[rows])
+        both = root[:, None] * np.column_stack([d.scale[rows], d.second[rows]])
+        values[unit] = np.linalg.lstsq(both, root * residual[rows], rcond=None)[0]
+    return values
+
+
+def is_stretched(decision: Decision, d: ChannelData, change: FloatArray) -> bool:
+    """Whether findings stretch some unit's ranges, which are not stretched as far as the rows tell.
+
+    Args:
+        change: what the findings take from the channel's rows.
+    """
+    errors = decision.search.scaled.get(d.channel.name)
+    if errors is None or d.second is None:
+        return False
+    seen = line_of(d, d.residual(decision.problem.view.fresh_state()))
+    return bool(np.any(np.abs(seen + line_of(d, change))[:, 1] > SCALE_Z * errors))
+
+
+def hold_unstretched(decision: Decision) -> None:
+    """Take free scales away from channels whose findings stretch no unit's ranges: an offset is all they need."""
+    state, untouched = decision.final_state(), decision.problem.view.fresh_state()
+    for d in decision.problem.data:
+        if d.channel.name not in decision.search.scaled:
+            continue
+        d.follow(state)
+        if not is_stretched(decision, d, d.residual(state) - d.residual(untouched)):
+            d.hold_second()
+            d.rebuild(d.tau)
+
+
+def scales_of(decision: Decision) -> Lines:
+    """Gain less one of each unit's simulated distances, beside the findings and the constants, and no zero.
+
+    Of ranges that a calibration has fitted to the simulation with the findings in them: it is what these make of a
+    line, which no step's own error touches.
+    """
+    problem, state = decision.problem, decision.final_state()
+    untouched = problem.view.fresh_state()
+    code, keys = unit_keys(problem.view, problem.groups.unit_columns)
+    lines: Lines = {}
+    for d in problem.data:
+        name, left = d.channel.name, d.residual(state) - d.residual(untouched)
+        if state[name] is untouched[name] or not is_stretched(decision, d, left):
+            continue
+        labels = [keys[code[d.use[np.flatnonzero(d.unit == unit)[0]]]] for unit in range(d.units)]
+        lines[name] = {label: (float(gain), 0.0) for label, gain in zip(labels, line_of(d, left)[:, 1], strict=True)}
+    return lines

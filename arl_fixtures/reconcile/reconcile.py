@@ -9,10 +9,11 @@ import numpy as np
 
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.columns import Columns
-from arl_fixtures.reconcile.constants import constants_of, of_unseen, scales_of, zeros_of
+from arl_fixtures.reconcile.constants import constants_of, of_unseen, zeros_of
 from arl_fixtures.reconcile.decide import Decision
 from arl_fixtures.reconcile.diagnosis import ChannelFit, Diagnosis
 from arl_fixtures.reconcile.effect import Effect
+from arl_fixtures.reconcile.fitted_scales import hold_unstretched, scales_of
 from arl_fixtures.reconcile.held_out import mean_square
 from arl_fixtures.reconcile.model_file import ModelFile, model_of
 from arl_fixtures.reconcile.rivals import is_structure
@@ -41,6 +42,7 @@ def diagnose(
     decision = Decision(search, found, known)
     findings, fits = decision.run()
     fits = {name: _agreeing(name, fit, decision) for name, fit in fits.items()}
+    hold_unstretched(decision)
     constants = constants_of(decision) if findings else {}
     lines = {**search.lines, **(scales_of(decision) if findings else {})}
     diagnosis = Diagnosis(
