@@ -126,6 +126,7 @@ def _make_scene(view: View) -> Scene | None:
             curves = cells.curves(curves, flat, step)
             allowed = np.fmax(_WORSE * np.abs(bend), _ROUGH * np.abs(weight))[cells.rows]
             patchy[cells.rows] = cells.scatter(weight) > allowed
+        patchy &= np.isfinite(bend)  # a sweep that lacks an angle tells nothing of what lies there
     return Scene(bearing, line, above, below, pitch, step, sign, patchy, upright, curves, still)
 
 
