@@ -32,7 +32,8 @@ class Multipath(Effect):
 
     * room: the target is lit by the surfaces round about too, I *= 1 + k, D += k / (1 + k)·detour; k and the detour
       at each bearing follow from the simulated scene (every surface lights every other by its brightness, both facing
-      angles and the square of their distance).
+      angles and the square of their distance). A camera that measures phases (`phase`) adds phasors instead, of a
+      phase of 2π·detour/ambiguity: D += ambiguity/2π·arg z, I *= |z|, z = 1 + k·exp(j·phase).
     * lamps (of the nominal bench): the same by panels that shine alike to all sides.
     * image, near: stray light of the image, or of the columns within nine pixels, arrives over a longer way:
       I += share·S, D += detour·share·S / (I + share·S): weak pixels beside bright ones lengthen most.
@@ -62,9 +63,14 @@ class Multipath(Effect):
         lit = light_channels(view, channel) if channel else ()
         everything = tuple(dict.fromkeys((*far, *lit)))
         if room(view) is not None:
-            drivers = [name for name in ("stage_angle_deg", "azimuth_deg") if view.varies(name)]
+            seen = [name for name in ("stage_angle_deg", "azimuth_deg") if view.varies(name)]
+            weak = ["reflectance"] if view.varies("reflectance") else []  # what is lit weighs more beside little light
+            of_room = (*seen, f"sim_{far[0]}", *weak)
+            farthest = view.span(f"sim_{far[0]}")[1]
+            ambiguity = shape("ambiguity", unit, farthest, 10.0 * farthest, 2.0 * farthest)
             for source in ("room", "lamps") if bounced(view) is not None else ("room",):
-                yield self._variant(source, (share,), everything, (*drivers, f"sim_{far[0]}"))
+                yield self._variant(source, (share,), everything, of_room)
+                yield self._variant(source, (share, ambiguity), everything, of_room, phase=True)
         if channel and has_frames(view):
             detour = shape("detour", unit, 0.15 * size, 5.0 * size, 0.4 * size)
             for source in ("image", "near") if view.varies("pixel_u") else ("image",):
@@ -141,6 +147,9 @@ class Multipath(Effect):
                 if lit is None:
                     return
                 part, detour = share * lit[0][view.rows], lit[1][view.rows]
+            if variant.options.get("phase"):
+                _add_phasors(view, state, channel, part, detour, float(values["ambiguity"]))
+                return
             for name in distances(view):
                 state[name] = state[name] + part / (1.0 + part) * detour
             if channel and (source != "wall" or variant.options.get("lit")):
@@ -167,6 +176,9 @@ class Multipath(Effect):
                 lean = f" * max(1 + across * x + along * y + sides * x^2, 0), x = {x}, y = {y}"
             return f"{law}(distance / L)^2{lean}" + ("; signal *= 1 + k" if variant.options.get("lit") else "")
         if source in ("room", "lamps"):
+            if variant.options.get("phase"):
+                law = "z = 1 + k * exp(2j pi detour / ambiguity); light *= |z|; distance += ambiguity * arg(z) / (2 pi)"
+                return f"{law}; k = share * (light from the surfaces round about), mean 1"
             of = "the other surfaces), mean 1" if source == "room" else "the panels as lamps), mean 1"
             return f"light *= 1 + k; distance += k / (1 + k) * detour; k = share * (light from {of}"
         if source == "wall":
@@ -198,6 +210,18 @@ class Multipath(Effect):
     def next_experiment(self, variant: Variant) -> str:
         """What tells it from range walk."""
         return "Cover the bright panel beside the dark one with black cloth: multipath goes, range walk stays."
+
+
+def _add_phasors(
+    view: View, state: State, channel: str | None, part: FloatArray, detour: FloatArray, ambiguity: float
+) -> None:
+    """Add a part of light that took a detour as a camera sees it that measures phases."""
+    turn = 2.0 * np.pi / ambiguity
+    phasor = 1.0 + part * np.exp(1j * turn * detour)
+    for name in distances(view):
+        state[name] = state[name] + np.angle(phasor) / turn
+    if channel:
+        set_light(view, state, channel, state[channel] * np.abs(phasor))
 
 
 def _lean(variant: Variant, values: Values, view: View) -> FloatArray | float:
