@@ -64,7 +64,7 @@ class Multipath(Effect):
         everything = tuple(dict.fromkeys((*far, *lit)))
         if room(view) is not None:
             seen = [name for name in ("stage_angle_deg", "azimuth_deg") if view.varies(name)]
-            weak = ["reflectance"] if view.varies("reflectance") else []  # what is lit weighs more beside little light
+            weak = ["reflectance"] if view.varies("reflectance") else []  # the less it shines, the more that weighs
             of_room = (*seen, f"sim_{far[0]}", *weak)
             farthest = view.span(f"sim_{far[0]}")[1]
             ambiguity = shape("ambiguity", unit, farthest, 10.0 * farthest, 2.0 * farthest)
@@ -177,7 +177,7 @@ class Multipath(Effect):
             return f"{law}(distance / L)^2{lean}" + ("; signal *= 1 + k" if variant.options.get("lit") else "")
         if source in ("room", "lamps"):
             if variant.options.get("phase"):
-                law = "z = 1 + k * exp(2j pi detour / ambiguity); light *= |z|; distance += ambiguity * arg(z) / (2 pi)"
+                law = "z = 1 + k exp(2j pi detour / ambiguity); light *= |z|; distance += ambiguity arg(z) / (2 pi)"
                 return f"{law}; k = share * (light from the surfaces round about), mean 1"
             of = "the other surfaces), mean 1" if source == "room" else "the panels as lamps), mean 1"
             return f"light *= 1 + k; distance += k / (1 + k) * detour; k = share * (light from {of}"
