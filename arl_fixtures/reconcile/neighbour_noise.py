@@ -48,7 +48,7 @@ def add_patches(data: ChannelData, view: View, frame: IntArray, place: IntArray)
         for name in ("pixel_u", "pixel_v")
     )
     image = frame[rows]
-    left = _not_repeated(data, view, place[rows])
+    left = _not_repeated(data, view, place[rows], image)
     if left is None or not _is_shared(left, image, u, v, view.sim[data.channel.name][data.use]):
         return
     level = level_of(PATCH, _key(image, u // ACROSS, v // ACROSS)[0], data.stated)
@@ -56,13 +56,19 @@ def add_patches(data: ChannelData, view: View, frame: IntArray, place: IntArray)
         data.share_within(level)
 
 
-def _not_repeated(data: ChannelData, view: View, place: IntArray) -> FloatArray | None:
-    """What rows are off beside what their place is in all steps, standard errors held back; None where few repeat."""
+def _not_repeated(data: ChannelData, view: View, place: IntArray, image: IntArray) -> FloatArray | None:
+    """What rows are off beside what their place is in all steps, standard errors held back; None where few repeat.
+
+    What an image is off as a whole, by a gain or an offset, is no likeness of neighbours: steps scatter as well.
+    """
     code = np.unique(place, return_inverse=True)[1].astype(np.int64)
     visits = np.bincount(code)[code]
     if np.median(visits) < FEWEST_VISITS:
         return None
-    z = np.clip(data.residual(view.sim) * data.root_weight, -HELD_BACK, HELD_BACK)
+    z, whole = data.residual(view.sim) * data.root_weight, data.scale * data.root_weight
+    one = np.unique(image, return_inverse=True)[1].astype(np.int64)
+    level = np.bincount(one, z * whole) / np.maximum(np.bincount(one, whole**2), 1e-300)
+    z = np.clip(z - level[one] * whole, -HELD_BACK, HELD_BACK)
     own = z - (np.bincount(code, z) / np.bincount(code))[code]
     return np.where(visits >= FEWEST_VISITS, own * np.sqrt(visits / np.maximum(visits - 1.0, 1.0)), np.nan)
 
