@@ -62,6 +62,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from arl_fixtures.reconcile.roles import Role
+
 if TYPE_CHECKING:
     from arl_fixtures.reconcile.view import View
 
@@ -204,6 +206,8 @@ class Effect(ABC):
     """Whether its law is nil at an arbitrary place: a constant beside it is then no calibration."""
     essential: ClassVar[str] = ""
     """Parameter that must be told from none for the name: without it what a variant says more is another effect's."""
+    shown_by: ClassVar[Role | None] = None
+    """Channels that must not speak against it, where another name could be wrong of what it does on the side."""
     confusable: ClassVar[tuple[str, ...]] = ()
     """Ids that are like this one: a table must tell them apart more clearly than others (the engine tests it)."""
 

@@ -137,10 +137,12 @@ class Standing:
     def undone(self, d: ChannelData) -> list[Term]:
         """Names that undo each other in a channel, which agrees better with the simulation without all of them.
 
-        One has a side effect there that is not seen, and the next one was taken for mending it.
+        One has a side effect there that is not seen, and the next one was taken for mending it. One alone falls where
+        it is just this that makes its name (`Effect.shown_by`): a second path whose way no range shows is none.
         """
         acting = [t for t in self.decision.best.terms if d.channel.name in self.decision.energy(t)]
-        if len(acting) < 2 or d.channel.role is Role.SCATTER:
+        alone = len(acting) == 1 and acting[0].effect.shown_by is d.channel.role
+        if not (alone or len(acting) > 1) or d.channel.role is Role.SCATTER:
             return []
         own = forward(self.decision.terms, self.problem.view)
         bare = forward([t for t in self.decision.terms if t not in acting], self.problem.view)

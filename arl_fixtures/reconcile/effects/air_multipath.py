@@ -47,6 +47,7 @@ class Multipath(Effect):
 
     id = "air.multipath"
     stage = Stage.AIR
+    shown_by = Role.DISTANCE
     source = (
         "Naik, Kadambi, Rhemann, Izadi, Raskar, Kang, CVPR 2015: light transport model of multi-path interference"
     )

@@ -45,3 +45,28 @@ def test_light_lost_between_two_axes_is_no_second_path_with_stretched_distances(
     found = diagnose(beside_each_other(3), effects=known)[0].findings
     assert [f.effect for f in found] == ["unknown"]
     assert found[0].channels == ["intensity_counts"]
+
+
+def ladder(seed):
+    """A module before greys at 34 distances: its field misses a rim of the beam, more of it the nearer it is."""
+    rng = np.random.default_rng(seed)
+    step, grey, far = (a.ravel() for a in np.meshgrid(
+        np.arange(6), [0.1, 0.5, 0.88], np.geomspace(0.2, 8.0, 34), indexing="ij"))  # fmt: skip
+    photons = 30000.0 * grey / (1.0 + far) ** 2
+    sigma, jitter = np.sqrt(20.0 + photons), 0.003 + 0.12 / np.sqrt(photons)
+    radius = 0.011 + 0.004 * far  # metres; a rim of 0.1 mm is not seen
+    seen = photons * (radius / (radius + 0.0001)) ** 2 * (1.0 - 0.0035 / far)
+    own = rng.normal(size=(2, 6))
+    return columns_of(pa.table({
+        "dut": 1 + step // 3, "step": step % 3, "true_range_m": far, "reflectance": grey,
+        "tof_temperature_c": 19.0 + 15.0 * (step % 3), "n_frames": np.full(step.size, 24),
+        "sim_photon_counts": photons, "sim_photon_counts_std": sigma, "sim_photon_counts_repeat_std": 0.006 * photons,
+        "photon_counts": seen * (1.0 + 0.006 * own[0][step]) + sigma / np.sqrt(24.0) * rng.normal(size=step.size),
+        "sim_distance_m": far, "sim_distance_m_std": jitter, "sim_distance_m_repeat_std": np.full(step.size, 0.0008),
+        "distance_m": far + 0.0008 * own[1][step] + jitter / np.sqrt(24.0) * rng.normal(size=step.size),
+    }))  # fmt: skip
+
+
+def test_light_lost_close_by_is_no_second_path_whose_way_no_range_shows():
+    found = [diagnose(ladder(seed), effects=[library()["air.multipath"]])[0].findings for seed in (1, 2)]
+    assert [[f.effect for f in one] for one in found] == [["unknown"], ["unknown"]]
