@@ -15,7 +15,7 @@ from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.own_driver import driven_by, has_own_driver, mends_shape
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.region import rows_of_most
-from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.roles import ORDERS, Role
 from arl_fixtures.reconcile.terms import Term, forward
 
 MISFIT_SHARE, HIDDEN_SHARE, EXACT_SHARE = 0.15, 0.004, 0.0004
@@ -60,7 +60,7 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
             continue
         if _lives_at_edges(problem, base, ranked, index, gains.get(index, 0.0)):
             return True
-        common = bool(driven_by(term) & driven_by(new))
+        common = bool(_shared_drivers(problem, base.terms[index], new))
         alike = common and not has_own_driver(problem, ranked.fit.terms, term)
         hidden = EXACT_SHARE if term.effect.exact else HIDDEN_SHARE
         least = (MISFIT_SHARE if alike else hidden) * gains.get(index, 0.0)
@@ -78,6 +78,12 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
         if small and not alike and mends_shape(problem, ranked.fit.terms, ranked.fit.terms[index]):
             return True
     return False
+
+
+def _shared_drivers(problem: Problem, term: Term, new: Term) -> set[str]:
+    """What drives both of two effects; not the order of rows where one tells steps apart and one acts within them."""
+    common = driven_by(term) & driven_by(new)
+    return set() if common <= ORDERS and acts_alone(problem, (term, new)) else common
 
 
 def _is_beyond_reach(new: Term) -> bool:

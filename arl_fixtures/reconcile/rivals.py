@@ -16,7 +16,7 @@ from arl_fixtures.reconcile.patterns import Pattern
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.region import rows_of_most
-from arl_fixtures.reconcile.roles import BEARING_SIGNS, FIELD_COLUMNS, PER_TURN, PIXEL_COLUMNS, Role, told_by
+from arl_fixtures.reconcile.roles import BEARING_SIGNS, FIELD_COLUMNS, ORDERS, PER_TURN, PIXEL_COLUMNS, Role, told_by
 from arl_fixtures.reconcile.terms import Term, forward
 from arl_fixtures.reconcile.whitener import Whitener
 
@@ -36,8 +36,6 @@ NEIGHBOURS = ("~edge", "~sweep", "~before", "~frame")
 AT_EDGES = (*NEIGHBOURS, "mixed")
 OF_BEARINGS = PIXEL_COLUMNS | {"stage_angle_deg", "incidence_deg", "surface"}
 """What a name follows that acts at some bearings of a scene more than at others."""
-ORDERS = frozenset({"step", "time_s"})
-"""Columns that tell when something was measured."""
 MIXED_SHARE = 2.0
 """The share for a law of neighbouring rows where the name mixes rows with their neighbours: it says the same."""
 _MEDIAN_OF_SQUARE = 0.4549  # of a standard normal deviate

@@ -61,6 +61,8 @@ HALF_TURN_DEG = 130.0
 axis to lie about, and are too far apart for curves over the bearing."""
 PIXEL_COLUMNS = frozenset({"pixel_u", "pixel_v", "azimuth_deg", "elevation_deg"})
 """Where a pixel is in the image, or looks."""
+ORDERS = frozenset({"step", "time_s"})
+"""Columns that tell when something was measured."""
 FIELD_COLUMNS = ("~radius(field)", "~twist(field)")
 """Derived from both columns of a pixel's place: what optics that are round, or bent by torsion, depend on."""
 PIXEL = "~pixel"
