@@ -39,7 +39,7 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
     than what the findings make of the mean of some step: nothing else was there to be calibrated away, and a law's
     zero shifts no more. Beyond that, and elsewhere, it must be significant. Beside a law that is nil at an
     arbitrary place it is what rows say, and so it is where a unit was seen in a single step: be it the step's own,
-    the rows to come are of that step.
+    the rows to come are of that step. A unit in which nothing was found to act has one only if it is significant.
     """
     problem = decision.problem
     state, untouched = decision.final_state(), problem.view.fresh_state()
@@ -72,10 +72,14 @@ def constants_of(decision: Decision) -> dict[str, dict[str, float]]:
                 values = line_of(d, left - before)[:, 0]
             elif d.second is not None and odds.here > FITTED_HERE:
                 values = line_of(d, left)[:, 0]  # with its zero: neither is what the findings make of a mean
+        touched = np.bincount(d.unit, np.abs(before - left), minlength=d.units) > 0.0
+        if acted and not touched.all():  # by what happens in another device
+            plain, plain_errors = _plain(d, left)
+            values, errors = np.where(touched, values, plain), np.where(touched, errors, plain_errors)
         found: dict[str, float] = {}
         for unit in range(d.units):
             first = d.use[np.flatnonzero(d.unit == unit)[0]]
-            if abs(values[unit]) > (0.0 if acted else CONSTANT_Z * errors[unit]):
+            if abs(values[unit]) > (0.0 if touched[unit] else CONSTANT_Z * errors[unit]):
                 found[keys[code[first]]] = float(values[unit])
         if found:
             result[d.channel.name] = found

@@ -94,6 +94,30 @@ def locate(looker: Looker, data: ChannelData, state: State) -> Place | None:
     return best
 
 
+def where_it_acts(looker: Looker, data: ChannelData, state: State, table: Axis) -> Place | None:
+    """In which bins of another column what a table says acts, and how much; None where that differs in no column.
+
+    Args:
+        looker: of the problem; data: the channel, or a part of it; state: simulation, not corrected by the table.
+        table: coefficients over the bins of one column, which are the slope.
+    """
+    residual, half = data.residual(state), np.unique(data.block, return_inverse=True)[1] % 2
+    parts = half == 0, half == 1
+    features = {name: values[data.use] for name, values in looker.features.items()}
+    direction = data.expect * data.scale * table(features)
+    weight = data.root_weight**2
+    mean = float(weight @ (direction * residual)) / max(float(weight @ direction**2), 1e-300)
+    sums, best = _Sums(direction, residual - mean * direction, weight, parts), None
+    for binning, code in _binnings(features, looker):
+        if binning.column == table.column:
+            continue
+        found = _test(binning, table, tuple(code[part] for part in parts), sums)
+        if found is not None and (best is None or found.gain > best.gain):
+            values = tuple(mean + value for value in found.table.values)
+            best = replace(found, table=replace(found.table, values=values))
+    return best
+
+
 def _own_in_steps(
     data: ChannelData, residual: FloatArray, features: dict[str, FloatArray], step: IntArray
 ) -> Place | None:

@@ -9,6 +9,7 @@ import numpy as np
 from arl_fixtures.reconcile.consequences import is_back_action, is_within_noise_law
 from arl_fixtures.reconcile.followed import followed_law
 from arl_fixtures.reconcile.law import Law
+from arl_fixtures.reconcile.law_of_one_unit import law_of_one_unit
 from arl_fixtures.reconcile.law_of_rest import law_of_rest
 from arl_fixtures.reconcile.noise import PARTS_OF_STEPS
 from arl_fixtures.reconcile.rivals import is_structure, lies_where_names_act, says_the_same
@@ -43,7 +44,9 @@ def find_laws(decision: Decision) -> None:
             continue  # and this is what a name cannot know of the edges that it moves
         if not acted or decision.standing.left_share(name) > UNKNOWN_SHARE or name in decision.standing.causes.found:
             law = law_of_rest(decision.found.looker, d, state, decision.after[name], beside=acted)
-            law = law or (None if acted else decision.fallen.get(name) or law_of_units(decision.problem, d, state))
+            if not acted:
+                law = law or decision.fallen.get(name) or law_of_units(decision.problem, d, state)
+                law = law or law_of_one_unit(decision.found.looker, d, state)
             # trees beside a name only mend its shape, and so does what says the same in other words
             if law is None or (acted and (not law.terms or says_the_same(acting, law.drivers))):
                 continue
