@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from arl_fixtures.reconcile.effects_bounce import bounced
+from arl_fixtures.reconcile.effects_cloud import cloud
 from arl_fixtures.reconcile.effects_common import FloatArray, distances, per_table
 from arl_fixtures.reconcile.effects_illumination import ray_column
 from arl_fixtures.reconcile.effects_scene import scene
@@ -20,11 +21,13 @@ between its strips, and the least elevation that its light is taken to reach."""
 def room(view: View) -> tuple[FloatArray, FloatArray] | None:
     """Light that each row's target gets from all others, over its mean, and that light's extra one-way path.
 
-    Of every row of the whole table: of the rendered bench where that is known, else of what the sweep shows; None
-    where the scene is not scanned over the bearing.
+    Of every row of the whole table: of the rendered bench where that is known, else of what a sweep shows, or the
+    images of a camera that stands still; None where there is neither.
     """
     rendered = bounced(view)
-    return per_table(view, "room", lambda: _room(view)) if rendered is None else rendered
+    if rendered is not None:
+        return rendered
+    return per_table(view, "room", lambda: _room(view)) if view.varies("stage_angle_deg") else cloud(view)
 
 
 def _room(view: View) -> tuple[FloatArray, FloatArray] | None:

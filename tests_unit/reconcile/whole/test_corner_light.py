@@ -18,20 +18,20 @@ KNOWN = (
 LEAN = np.sqrt(0.5)
 
 
-def hit(azimuth, elevation):
+def hit(azimuth, elevation, apex=APEX_M):
     """Point, normal and range of rays on the board of their side; boards lean 45 degrees, the corner is far away."""
     side = np.sign(azimuth + 1e-12)
     ray = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], 1)
     normal = np.stack([-LEAN * np.ones(side.size), -LEAN * side, np.zeros(side.size)], 1)
-    far = -LEAN * APEX_M / np.sum(ray * normal, axis=1)
+    far = -LEAN * apex / np.sum(ray * normal, axis=1)
     return far[:, None] * ray, normal, far
 
 
-def bounced(point, normal, far, side, share):
+def bounced(point, normal, far, side, share, apex=APEX_M, long=LONG_M, tall=TALL_M):
     """Twice-bounced over direct light of points, and the mean extra one-way path of what they send back."""
-    along, up = np.meshgrid((np.arange(45) + 0.5) * LONG_M / 45, np.linspace(-TALL_M, TALL_M, 41))
-    patch = np.stack([APEX_M - LEAN * along.ravel(), LEAN * along.ravel(), up.ravel()], axis=1)
-    area = LONG_M / 45 * 2.0 * TALL_M / 41
+    along, up = np.meshgrid((np.arange(45) + 0.5) * long / 45, np.linspace(-tall, tall, 41))
+    patch = np.stack([apex - LEAN * along.ravel(), LEAN * along.ravel(), up.ravel()], axis=1)
+    area = long / 45 * 2.0 * tall / 41
     ratio, longer = np.zeros(len(point)), np.zeros(len(point))
     for k in range(len(point)):
         other = patch * np.array([1.0, -side[k], 1.0])
@@ -90,3 +90,33 @@ def test_light_that_bounced_is_most_where_the_boards_meet():
 
 def test_boards_that_do_not_are_no_finding():
     assert not diagnose(corner(6, 0.0), effects=[library()[n] for n in KNOWN])[0].findings
+
+
+def still(seed, share):
+    """A camera that stands still before a corner which fills its image, at three distances."""
+    rng, parts = np.random.default_rng(seed), []
+    for step, apex in enumerate((1.1, 1.5, 2.0)):
+        u, v = (a.ravel().astype(float) for a in np.meshgrid(np.arange(24), np.arange(16), indexing="ij"))
+        azimuth, elevation = (u - 11.3) * 3.0, (7.5 - v) * 3.0
+        point, normal, far = hit(np.radians(azimuth), np.radians(elevation), apex)
+        direct = -np.sum(point * normal, axis=1) / far**3
+        light = 2500.0 * direct
+        ratio, longer = bounced(point, normal, far, np.sign(azimuth), share, apex, 0.58 * apex, 0.4 * apex)
+        sigma, blur = np.hypot(2.0, 0.01 * light), np.full(u.size, 0.004)
+        noise, one = rng.normal(size=(2, u.size)) / np.sqrt(10.0), np.ones(u.size)
+        parts.append({
+            "step": step * one, "stand_off_m": apex * one, "pixel_u": u, "pixel_v": v, "azimuth_deg": azimuth,
+            "elevation_deg": elevation, "true_range_m": far, "n_frames": 10.0 * one,
+            "incidence_deg": np.degrees(np.arccos(direct * far**2)),
+            "sim_intensity_counts": light, "sim_intensity_counts_std": sigma,
+            "sim_distance_m": far, "sim_distance_m_std": blur,
+            "intensity_counts": light * (1.0 + ratio) + sigma * noise[0],
+            "distance_m": far + ratio / (1.0 + ratio) * longer + blur * noise[1],
+        })  # fmt: skip
+    return columns_of(pa.table({name: np.concatenate([p[name] for p in parts]) for name in parts[0]}))
+
+
+def test_a_camera_that_stands_still_sees_them_as_well():
+    found = diagnose(still(5, 0.2), effects=[library()[n] for n in KNOWN])[0].findings
+    assert [f.effect for f in found] == ["air.multipath"]
+    assert found[0].held_out.explained > 0.9
