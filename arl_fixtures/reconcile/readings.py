@@ -17,8 +17,10 @@ import numpy as np
 from arl_fixtures.reconcile.columns import Columns, FloatArray, IntArray
 from arl_fixtures.reconcile.roles import Role, unit_of
 
-FEWEST_READINGS = 6
+FEWEST_READINGS = 4
 """Readings of a step from which its line is drawn."""
+DRIFTS = 2.0
+"""How much more than their scatter makes of them the slopes of lines must be, for steps to drift at all."""
 MOST_ALIKE = 0.3
 """Correlation of neighbouring readings' errors from which these are the temperature's own course."""
 SURE = 2.0
@@ -113,7 +115,7 @@ def _less_mean(values: FloatArray, code: IntArray) -> FloatArray:
 def _line(reading: FloatArray, images: _Images) -> FloatArray:
     """Least-squares line over time in each step; the reading itself where a step has too few, their mean where lost.
 
-    Not finite in a step without any reading.
+    A level one in each step where no more than chance tells of slopes. Not finite in a step without any reading.
     """
     known = np.isfinite(reading)
     count = np.bincount(images.step, known.astype(float))
@@ -122,7 +124,14 @@ def _line(reading: FloatArray, images: _Images) -> FloatArray:
         time, rest = images.time - when[images.step], np.where(known, reading - mean[images.step], 0.0)
     square = np.bincount(images.step, np.where(known, time**2, 0.0))
     slope = np.bincount(images.step, np.nan_to_num(time) * rest) / np.maximum(square, 1e-300)
-    line = mean[images.step] + np.where(square > 0.0, slope, 0.0)[images.step] * time
+    slope = np.where(square > 0.0, slope, 0.0)
+    left = np.where(known, rest - slope[images.step] * time, 0.0)
+    enough = (count >= FEWEST_READINGS) & (square > 0.0)
+    told = float(np.sum((slope**2 * square)[enough])) / max(int(enough.sum()), 1)
+    scatter = float(np.sum(left[enough[images.step]] ** 2)) / max(float(np.sum(count[enough] - 2.0)), 1.0)
+    if told < DRIFTS * scatter:
+        slope = np.zeros_like(slope)
+    line = mean[images.step] + slope[images.step] * time
     few = count[images.step] < FEWEST_READINGS
     return np.asarray(np.where(few, np.where(known, reading, mean[images.step]), line))
 
