@@ -189,7 +189,7 @@ def law_finding(decision: Decision, law: Law) -> Finding:
             if bounds is not None:
                 where[column] = list(bounds)
     explained = (left.before - left.after) / max(left.before - 1.0, 1e-9)
-    nearest = _nearest(decision, law.channel)
+    nearest = _nearest(decision, law)
     turned = bool(law.terms) and all(t.turns for t in law.terms) and not law.trees
     how = "as if the stage stood elsewhere than its angle says, " if turned else ""
     told = [name for name in drivers if name != STAGE] if turned else drivers
@@ -221,9 +221,10 @@ def size_of_tables(term: LawTerm) -> float:
     return float(np.prod(sizes)) if sizes and min(sizes) > 0 else 1.0
 
 
-def _nearest(decision: Decision, channel: str) -> list[Alternative]:
-    """What of the library came nearest in a channel, with the share it would explain."""
-    ceiling_gain = decision.found.before[channel].gain
+def _nearest(decision: Decision, law: Law) -> list[Alternative]:
+    """What of the library came nearest in a law's channel, with the share it would explain: the law tells as much."""
+    channel = law.channel
+    ceiling_gain = max(decision.found.before[channel].gain, law.gain)
     near: list[Alternative] = []
     if ceiling_gain <= 1.0:
         return near  # what is told by units' constants alone leaves columns nothing to predict

@@ -14,6 +14,7 @@ from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.features import category_id
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm
+from arl_fixtures.reconcile.law_of_rest import confirmed
 from arl_fixtures.reconcile.locate import located_law, where_it_acts
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.roles import Role
@@ -50,7 +51,7 @@ def law_of_one_unit(looker: Looker, data: ChannelData, state: State) -> Law | No
             continue
         label = labels[1][int(labels[0][looker.problem.view.rows[data.use[rows[0]]]])]
         own = Axis(column=column, kind="is", at=category_id(label), label=label)
-        best = _with(_narrowed(looker, part, state, law), own)
+        best = _with(confirmed(_narrowed(looker, part, state, law), looker, part, state), own)
     return best
 
 

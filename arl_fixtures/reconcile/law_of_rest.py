@@ -49,7 +49,7 @@ def _law_of_rest(looker: Looker, data: ChannelData, state: State, left: Structur
     if place is not None and law.law_gain < place.gain / 2.0:
         tables = located_law(looker, data, state)
         if tables.terms:
-            law = _confirmed(tables, looker, data, state)
+            law = confirmed(tables, looker, data, state)
         else:  # what every step has anew: it has a place, but no law
             law.drivers = list(dict.fromkeys([*place.columns, *law.drivers]))
             law.gain = max(law.gain, place.gain)
@@ -62,7 +62,7 @@ def _law_of_rest(looker: Looker, data: ChannelData, state: State, left: Structur
     return law if law.drivers else None
 
 
-def _confirmed(tables: Law, looker: Looker, data: ChannelData, state: State) -> Law:
+def confirmed(tables: Law, looker: Looker, data: ChannelData, state: State) -> Law:
     """Tables that unseen blocks confirm; without them, only by which columns the channel's rest differs."""
     work = Work(data, state, looker.features, data.tau, ALL_ROWS)
     bases = [
