@@ -94,14 +94,19 @@ def free_scales(problem: Problem, channels: Container[str]) -> None:
             d.rebuild(d.tau)
 
 
+def _hold(d: ChannelData) -> None:
+    """Take a channel's free scale away."""
+    d.hold_second()
+    d.rebuild(d.tau)
+
+
 def hold_unneeded(decision: Decision) -> None:
     """Take free scales away from channels that no name changes: a law says what rows say, their scale included."""
     acted = {channel for term in decision.best.terms for channel in decision.energy(term)}
     unneeded = set(decision.search.scaled) - acted
     for d in decision.problem.data:
         if d.channel.name in unneeded:
-            d.hold_second()
-            d.rebuild(d.tau)
+            _hold(d)
             del decision.search.scaled[d.channel.name]
     if unneeded:
         decision.look()
@@ -140,8 +145,7 @@ def hold_unstretched(decision: Decision) -> None:
             continue
         d.follow(state)
         if not is_stretched(decision, d, d.residual(state) - d.residual(untouched)):
-            d.hold_second()
-            d.rebuild(d.tau)
+            _hold(d)
 
 
 def scales_of(decision: Decision) -> Lines:

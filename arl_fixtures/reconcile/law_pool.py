@@ -51,7 +51,7 @@ from arl_fixtures.reconcile.roles import FIELD_COLUMNS, PER_TURN, PIXEL, Role
 
 MOST_LEADING = 7
 PRICE_PAIR_WAVE = 7.0
-IMAGE, ORDERS = ("pixel_u", "pixel_v"), ("step", "time_s", "cycle", "stage_angle_deg")
+IMAGE, WENT_ON = ("pixel_u", "pixel_v"), ("step", "time_s", "cycle", "stage_angle_deg")
 """Columns over which a pattern stands in the image, and over which it may move."""
 MOST_WAVES, GROWING = 4, frozenset({"linear", "ratio", "log", "inverse", "above", "below", "step"})
 """Waves that are tried with another column, and functions of it with which their size may go."""
@@ -127,8 +127,8 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
     bits = pool.add(of_bits(work, looker, signal))
     pool.add(where_bits(work, likely_bits(bits), names, simple))
     pool.add(_pairs(work, looker, names, simple))
-    pool.add(_moving(work, names, (*ORDERS, *view.temperatures()[:2])))
-    pool.add(_moving_rings(work, looker, (*ORDERS, *view.temperatures())))
+    pool.add(_moving(work, names, (*WENT_ON, *view.temperatures()[:2])))
+    pool.add(_moving_rings(work, looker, (*WENT_ON, *view.temperatures())))
     lines = [m.basis.axes[0] for n in names for m in simple.get(n, []) if m.basis.axes[0].kind == "linear"]
     numeric = [n for n in ranking if not (n in units or (not n.startswith(("~", "sim_")) and view.is_category(n)))]
     pool.add(bands_of(work, numeric, lines))

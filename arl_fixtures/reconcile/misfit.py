@@ -60,7 +60,7 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
             continue
         if _lives_at_edges(problem, base, ranked, index, gains.get(index, 0.0)):
             return True
-        common = bool(_shared_drivers(problem, base.terms[index], new))
+        common = bool(_shared_drivers(problem, term, new))
         alike = common and not has_own_driver(problem, ranked.fit.terms, term)
         hidden = EXACT_SHARE if term.effect.exact else HIDDEN_SHARE
         least = (MISFIT_SHARE if alike else hidden) * gains.get(index, 0.0)
@@ -83,7 +83,7 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
 def _shared_drivers(problem: Problem, term: Term, new: Term) -> set[str]:
     """What drives both of two effects; not the order of rows where one tells steps apart and one acts within them."""
     common = driven_by(term) & driven_by(new)
-    return set() if common <= ORDERS and acts_alone(problem, (term, new)) else common
+    return set() if common and common <= ORDERS and acts_alone(problem, (term, new)) else common
 
 
 def _is_beyond_reach(new: Term) -> bool:
