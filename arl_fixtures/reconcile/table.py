@@ -21,6 +21,7 @@ from arl_fixtures.reconcile.parcels import batches_of_parcels, drawn_rows, read_
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.synonyms import read_as_known
 from arl_fixtures.reconcile.unanswered import take_for_dark
+from arl_fixtures.reconcile.unknown_units import leave_out_unknown_units
 
 ALWAYS_CATEGORY = frozenset({"dut", "surface", "mixed"})
 _TRUTHS = {"true", "false"}
@@ -141,6 +142,7 @@ def columns_of(table: pa.Table, *, path: Path | str = "table", for_prediction: b
     given = read_as_known(numbers, categories)
     _rename_for_prediction(numbers, for_prediction=for_prediction)
     _check_text(numbers, categories, ignored)
+    leave_out_unknown_units(numbers, ignored)
     _check_stated(numbers, ignored)
     _check_pairs(numbers, ignored, for_prediction=for_prediction)
     channels = find_channels(set(numbers))
@@ -287,7 +289,7 @@ def _check_pairs(numbers: dict[str, FloatArray], ignored: dict[str, str], *, for
 
 
 def _why_no_channel(names: list[str], ignored: dict[str, str]) -> str:
-    for name in names:
+    for name in sorted(names, key=lambda n: n.endswith("_std")):  # a quantity's own fault before its scatter's
         bare = name.removeprefix("sim_")
         for asked in (bare, name):
             if (name.startswith("sim_") or f"sim_{name}" in names) and asked in ignored:

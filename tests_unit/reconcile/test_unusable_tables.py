@@ -51,6 +51,10 @@ def _without(*names: str) -> Callable[[Table], Table]:
     return lambda t: {name: values for name, values in t.items() if name not in names}
 
 
+def _in_furlongs(t: Table) -> Table:
+    return {name.replace("distance_m", "distance_furlong"): values for name, values in t.items()}
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -67,6 +71,10 @@ def _without(*names: str) -> Callable[[Table], Table]:
         (_rows(1), "1 row"),
         (_rows(3), "only 3 rows"),
         (_rows(0), "has no rows"),
+        (
+            lambda t: _in_furlongs(_without("intensity_counts", "sim_intensity_counts")(t)),
+            "column 'distance_furlong' is in 'furlong', a unit that is not known here; expected one of m, cm, mm, km",
+        ),
     ],
 )
 def test_a_table_with_nothing_to_compare_is_refused(tmp_path, change, words):
@@ -117,6 +125,11 @@ def test_a_file_that_is_no_table_is_refused(tmp_path, content, words):
             lambda t: {**t, "sim_distance_m_std": t["step"] / 1e3 - 1e-3}, None,
             ("sim_distance_m_std (rows)", "30 standard deviations below nil"),
         ),
+        (_in_furlongs, ["intensity_counts"], ("distance_furlong", "is in 'furlong', a unit that is not known here")),
+        (
+            lambda t: {**t, "board_temperature_f": t["tof_temperature_c"]}, None,
+            ("board_temperature_f (unit)", "is in 'f', a unit that is not known here; expected one of c, k; used as"),
+        ),
         (lambda t: {**t, "n_frames": t["step"]}, None, ("n_frames (rows)", "30 rows count fewer than one frame")),
     ],
 )  # fmt: skip
@@ -155,6 +168,8 @@ def test_an_unknown_unit_and_a_single_step_are_no_obstacle(tmp_path):
     result = run(tmp_path / "t.parquet", tmp_path / "out")
     assert result.exit_code == 0
     assert result.stdout == "consistent (240 rows, intensity_counts, loss_furlong)\n"
+    said = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["table"]["not_used"]
+    assert "'furlong', a unit that is not known here" in said["loss_furlong (unit)"]
 
 
 def test_an_older_diagnosis_is_replaced_and_other_files_stay(tmp_path):
