@@ -12,9 +12,9 @@ PARTS, FEWEST_IN_CELL = 12, 4
 """Parts into which a column's range is cut, and rows that a cell must hold on average."""
 
 
-def parts_of(values: FloatArray | IntArray) -> IntArray:
+def parts_of(values: FloatArray | IntArray, parts: int = PARTS) -> IntArray:
     """Part of a column's range that each row lies in, of about as many rows each."""
-    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, PARTS + 1)[1:-1]))
+    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, parts + 1)[1:-1]))
     return np.searchsorted(edges, values).astype(np.int64)
 
 

@@ -11,7 +11,7 @@ from collections.abc import Collection, Container, Sequence
 
 import numpy as np
 
-from arl_fixtures.reconcile.cells import alike_in, parts_of, within_cells
+from arl_fixtures.reconcile.cells import FEWEST_IN_CELL, PARTS, alike_in, parts_of, within_cells
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effects_common import is_of
 from arl_fixtures.reconcile.problem import Problem
@@ -22,6 +22,8 @@ from arl_fixtures.reconcile.view import View
 OWN_SHARE, OWN_GAIN = 0.2, 6.0
 """Share of a further effect's gain that must lie within cells of an earlier one's drivers, and how much: of a change
 that grows from none with a driver of its own more than half is the same in all cells."""
+FINE_PARTS, FINE_ROWS, FINE_GAIN = 200, 4 * FEWEST_IN_CELL, 12.0
+"""Parts of a driver's range within which no curve over it changes, rows in each at least, and what is clear there."""
 MAIN_SHARE = 0.2
 """Share of what an effect moves from which a channel is one that it acts in, not one that it touches."""
 
@@ -54,7 +56,7 @@ def says_of(column: str, own: Container[str]) -> bool:
     return any(part.startswith("~") or told_by(part) in own for part in parts)
 
 
-def cells_of(view: View, names: Sequence[str]) -> IntArray | None:
+def cells_of(view: View, names: Sequence[str], parts: int = PARTS) -> IntArray | None:
     """Cell of each row: drivers that vary, each cut into parts of as many rows (of a channel
     its simulation, which has no noise); None where too few rows share one."""
     simulated = [f"sim_{name}" if view.varies(f"sim_{name}") else name for name in names]
@@ -62,7 +64,7 @@ def cells_of(view: View, names: Sequence[str]) -> IntArray | None:
     if not drivers:
         return None
     codes = [view.codes(n)[0] if view.is_category(n) else np.nan_to_num(view.number(n)) for n in drivers]
-    return alike_in([parts_of(values) for values in codes])
+    return alike_in([parts_of(values, parts) for values in codes])
 
 
 def has_own_driver(problem: Problem, terms: Sequence[Term], term: Term) -> bool:
@@ -91,10 +93,20 @@ def mends_shape(problem: Problem, terms: Sequence[Term], term: Term) -> bool:
     if cell is None:
         return False
     whole, own = _gains(problem, terms, cell)
-    if own >= OWN_SHARE * whole:
+    if own >= OWN_SHARE * whole or _clear_in_fine_cells(problem, terms, term):
         return False
     there, _ = _gains(problem, terms, cell, channels=_mainly_in(problem, terms, term))
     return there > 0.5 * whole
+
+
+def _clear_in_fine_cells(problem: Problem, terms: Sequence[Term], term: Term) -> bool:
+    """Whether the last of the terms gains clearly where rows have next to the same of what drives an earlier one.
+
+    Glare is a curve over the signal for its greatest part, and so is what a compression's law leaves: only that it
+    differs from image to image tells it, by a small share of what it moves.
+    """
+    fine = cells_of(problem.view, term.variant.drivers[:1], min(FINE_PARTS, len(problem.view.rows) // FINE_ROWS))
+    return fine is not None and _gains(problem, terms, fine)[1] > FINE_GAIN
 
 
 def _mainly_in(problem: Problem, terms: Sequence[Term], term: Term) -> set[str]:

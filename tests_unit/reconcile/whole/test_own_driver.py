@@ -110,3 +110,35 @@ def test_a_gain_that_takes_the_shot_noise_along_is_told_from_a_rail_that_drifts_
     table["intensity_counts_std"] = sigma["real"] * np.sqrt(rng.chisquare(9, size=len(sigma_of)) / 9.0)
     table["sim_intensity_counts_std"] = np.sqrt(36.0 + 0.25 * table["sim_intensity_counts"])
     assert named(table, "detector.gain_temperature", "electronics.rail_coupling") == {"detector.gain_temperature"}
+
+
+def limited(light):
+    """Charge of Gaussian pulses behind an amplifier that gives way softly (a diode's law, not the tool's)."""
+    time = np.linspace(-4.0, 4.0, 401)
+    pulse = np.exp(-0.5 * time**2)
+    table = np.geomspace(1.0, 8000.0, 200)
+    charge = [np.sum(40000.0 * np.log1p(height * pulse / 40000.0)) / np.sum(pulse) for height in table]
+    return np.interp(light, table, charge)
+
+
+def test_glare_is_told_from_what_the_shape_of_a_compression_leaves_by_images_of_unlike_light():
+    """Glare is a curve over the signal for nine tenths: weak pixels have more, as of a law that is too steep."""
+    rng = np.random.default_rng(11)
+    step, v, u = (
+        a.ravel().astype(float) for a in np.meshgrid(np.arange(10), np.arange(16), np.arange(20), indexing="ij")
+    )
+    panel = (u // 4 + v // 4 + step).astype(int) % 4
+    near = np.where(u < 8.0 + 0.25 * step, 1.0, 2.0)  # a near wall comes into view
+    light = 3000.0 * np.array([0.05, 0.2, 0.5, 0.9])[panel] / near**2 * (1.0 + 0.1 * np.sin(0.9 * u + 1.7 * v))
+    mean = np.bincount(step.astype(int), light)[step.astype(int)] / 320.0
+    sigma = np.sqrt(36.0 + 0.25 * light)
+    for glare, mends in ((0.0, True), (0.004, False)):
+        real = limited(light + glare * (mean - light))
+        table = {
+            "step": step, "pixel_u": u, "pixel_v": v, "stage_angle_deg": 5.0 * step,
+            "n_frames": np.full(u.size, 40.0), "sim_intensity_counts": light,
+            "sim_intensity_counts_std": sigma,
+            "intensity_counts": real + sigma / np.sqrt(40.0) * rng.normal(size=u.size),
+        }  # fmt: skip
+        search, both = together(table, "detector.compression", "optics.veiling_glare")
+        assert mends_shape(search.full, both.terms, both.terms[0]) is mends
