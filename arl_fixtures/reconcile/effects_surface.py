@@ -217,6 +217,15 @@ def beyond_border(view: View, name: str) -> FloatArray:
     return per_view(view, ("across", name), lambda: _furthest(view, name, view.number(f"sim_{name}"), OTHER))
 
 
+def beyond_surface(view: View, name: str) -> IntArray:
+    """Code of the surface beyond a border, of the neighbour that `beyond_border` takes; −1 where there is none."""
+    own, best = view.number(f"sim_{name}"), beyond_border(view, name)
+    code = np.full(view.n, -1, dtype=np.int64)
+    for surfaces, values in neighbours(view, f"sim_{name}"):
+        code = np.where((values == best) & (best != own), surfaces, code)
+    return code
+
+
 def _furthest(view: View, name: str, start: FloatArray, kin: int) -> FloatArray:
     """Simulated value beside a row, of its own surface or of another, that differs most from a start."""
     best = np.full(view.n, np.nan)

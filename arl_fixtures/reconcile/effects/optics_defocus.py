@@ -8,8 +8,9 @@ from collections.abc import Iterable
 import numpy as np
 from scipy.special import ive
 
-from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effect import Effect, Option, Parameter, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_bench import bench_of, is_sharp
+from arl_fixtures.reconcile.effects_beyond import blur_borders, sides_of
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     above,
@@ -26,6 +27,7 @@ from arl_fixtures.reconcile.effects_pointing import spread_rays
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.effects_render import as_simulated, convolved, rendered, see_area
 from arl_fixtures.reconcile.effects_scene import pixel_width, scene, sweeps_pixels
+from arl_fixtures.reconcile.effects_surface import pulled_channels
 from arl_fixtures.reconcile.view import View
 
 
@@ -34,8 +36,9 @@ class Defocus(Effect):
 
     Where the scene can be rendered, two ways: the rays spread before they meet the scene, or the finished image is
     convolved. They part where pixels sample an edge by few rays. Where a sweep shows the scene finer than its pixels,
-    the rays spread over that. And where the simulation looks through a few sharp rays, as what it cannot show: a
-    share of the light comes from an area `wide` pixels across.
+    the rays spread over that; where neither samples edges, a pixel that sees two surfaces shows by its light how much
+    of either, and so what a blur changes. And where the simulation looks through a few sharp rays, as what it cannot
+    show: a share of the light comes from an area `wide` pixels across.
     Light and range mix: the distance becomes the mean of what the blurred pixel sees, weighted by its light.
     """
 
@@ -56,6 +59,8 @@ class Defocus(Effect):
             kinds = ("rays", "image", "halo") if is_sharp(view) else ("rays", "image")
         elif scene(view) is not None and sweeps_pixels(view):
             kinds = ("scene", "image")
+        if bench_of(view) is None and sides_of(view) is not None:
+            kinds = (*kinds, "border", *(("border, ranges stay",) if pulled_channels(view) else ()))
         for channel in signals(view):
             for column, kind in itertools.product(("", *columns), kinds):
                 parameters: tuple[Parameter, ...] = (amplitude("width", "px", 0.0, 1.2, 0.3),)
@@ -70,7 +75,10 @@ class Defocus(Effect):
                     effect=self.id,
                     options={"channel": channel, "temperature": column, "range": scale, "kind": kind},
                     parameters=parameters,
-                    channels=tuple(dict.fromkeys((*ranged_by(view, channel), *light_channels(view, channel)))),
+                    channels=tuple(dict.fromkeys((
+                        *(_followers(view, kind) if kind in _AT_BORDERS else ranged_by(view, channel)),
+                        *light_channels(view, channel),
+                    ))),
                     rough=kind in ("rays", "halo") and is_sharp(view),
                     drivers=(*((column,) if column else ()), "pixel_u", "pixel_v"),
                 )
@@ -89,6 +97,9 @@ class Defocus(Effect):
             spread = np.sqrt(variance)
             if found is not None:
                 spread_rays(view, state, spread * pixel_width(view)[view.rows], spread * found.pitch_deg)
+            return
+        if variant.options["kind"] in _AT_BORDERS:
+            blur_borders(view, state, channel, width, _followers(view, variant.options["kind"]))
             return
         if variant.options["kind"] == "halo":
             see_area(view, state, channel, ranged_by(view, channel), width, float(values["wide"]))
@@ -141,6 +152,12 @@ class Defocus(Effect):
         )
 
 
+def _followers(view: View, kind: Option) -> tuple[str, ...]:
+    """Distances that follow the light at borders: a leading edge, say, stays with the nearer surface."""
+    return pulled_channels(view) if kind == "border" else ()
+
+
+_AT_BORDERS = ("border", "border, ranges stay")
 _WIDEST = 1.2
 _VARIANCES = np.linspace(0.0, _WIDEST**2, 500)
 _KERNEL = [np.asarray(ive(n, _VARIANCES), dtype=np.float64) for n in range(3)]

@@ -9,13 +9,13 @@ import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_bench import is_sharp
+from arl_fixtures.reconcile.effects_beyond import take_beyond
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     amplitude,
     distances,
     light_channels,
     per_view,
-    set_light,
     shape,
 )
 from arl_fixtures.reconcile.effects_render import ray_echoes, see_area
@@ -143,18 +143,7 @@ class EdgeMixing(Effect):
                 state[name] = state[name] + np.where(borders(view) & np.isfinite(moved), moved, 0.0)
             return
         channel = view.channel(Role.INTENSITY)
-        far = {name: beyond_border(view, name) for name in distances(view)}
-        bright = beyond_border(view, channel) if channel else np.ones(view.n)
-        own = state[channel] if channel else np.ones(view.n)
-        at = borders(view) & np.isfinite(bright)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            weight = share * bright / ((1.0 - abs(share)) * own + abs(share) * bright)
-        for name, other in far.items():
-            moved = np.clip(weight, -1.0, 1.0) * (other - state[name])
-            state[name] = state[name] + np.where(at & np.isfinite(moved), moved, 0.0)
-        if variant.options["kind"] == "both" and channel:
-            light = own + np.where(at, share * (bright - own), 0.0)
-            set_light(view, state, channel, np.where(light > 0.0, light, own))
+        take_beyond(view, state, channel, share, lights=variant.options["kind"] == "both")
 
     def expression(self, variant: Variant) -> str:
         """The law."""
