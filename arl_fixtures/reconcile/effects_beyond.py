@@ -29,7 +29,7 @@ USUAL_BLUR = 0.3
 """Standard deviation of the blur that a simulation has anyway, pixels: that of a camera whose image is sharp."""
 _CONTRAST = 0.05
 """Share of the light by which two surfaces must differ to tell how much a pixel sees of either."""
-_OFF = 0.1
+OFF = 0.1
 """Part by which the light may lie outside that of both surfaces: nowhere is it quite that of the nearest pure row."""
 _FARTHEST = 24.0
 """Pixels within which a row must show a surface alone."""
@@ -73,7 +73,7 @@ class Sides:
         own, other = (view.take_number(f"sim_{channel}", rows) for rows in (self.own, self.other))
         with np.errstate(invalid="ignore", divide="ignore"):
             part = (light - own) / (other - own)
-        told = (np.abs(other - own) > _CONTRAST * light) & (np.abs(part - 0.5) < 0.5 + _OFF)
+        told = (np.abs(other - own) > _CONTRAST * light) & (np.abs(part - 0.5) < 0.5 + OFF)
         return np.where(told, np.clip(part, 0.0, 1.0), np.nan)
 
 

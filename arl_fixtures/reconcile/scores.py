@@ -172,7 +172,7 @@ def starts_of(variant: Variant) -> Iterator[dict[str, float]]:
     """The starts of a single shape, which its effect chose; of several their products, at most `MAX_PRODUCTS`."""
     shapes = variant.shapes()
     products = list(itertools.product(*(p.starts for p in shapes)))
-    if len(shapes) > 1 and len(products) > MAX_PRODUCTS:
+    if _tried_along(variant) > 1 and len(products) > MAX_PRODUCTS:
         chosen = np.unique(np.linspace(0, len(products) - 1, MAX_PRODUCTS).astype(int))
         products = [products[i] for i in chosen]
     for product in products:
@@ -186,8 +186,12 @@ common stays the measure of chance."""
 
 def is_search(variant: Variant) -> bool:
     """Whether a variant is tried along a shape from more starts than products of shapes are."""
-    shapes = variant.shapes()
-    return len(shapes) == 1 and len(shapes[0].starts) > MAX_STARTS
+    return _tried_along(variant) == 1 and max(len(p.starts) for p in variant.shapes()) > MAX_STARTS
+
+
+def _tried_along(variant: Variant) -> int:
+    """Shapes that are tried from more than one start."""
+    return sum(len(p.starts) > 1 for p in variant.shapes())
 
 
 def tangents_of(problem: Problem, others: Sequence[Term], base: State, term: Term) -> FloatArray:

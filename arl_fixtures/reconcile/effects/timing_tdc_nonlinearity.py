@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,12 +14,15 @@ from arl_fixtures.reconcile.effects_common import (
     amplitude,
     distances,
     in_mm,
+    light_channels,
     per_table,
     period_starts,
     rounded,
+    set_light,
     shape,
 )
-from arl_fixtures.reconcile.roles import LIGHT_SPEED_M_S, per_metre, unit_of
+from arl_fixtures.reconcile.effects_phase import ComplexArray, Phase, waves_turned
+from arl_fixtures.reconcile.roles import LIGHT_SPEED_M_S, Role, per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 USUAL_M, LONGEST_M = 4.0, 20.0
@@ -31,6 +35,11 @@ rows of one place differ at most; share of a stride by which places may miss the
 DISTINCT = 4
 """Distances for each parameter: as many waves as there are targets draw anything."""
 _HERTZ = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6}
+_QUARTERS = 4.0
+"""Periods of the third and fifth harmonic's error in the ambiguity range."""
+_STEEPEST = 20.0
+"""Of the ratio of both harmonics' sum to their difference, which may be nearly alike."""
+_LIGHT = tuple(shape(name, "1", -_STEEPEST, _STEEPEST, 0.0) for name in ("ratio", "skew"))
 _PARTS = (1, 2, 4, 8)
 """Of a phase meter's ambiguity range, in which waves come again: cross-talk, channels of unlike gain, samples taken
 at four phases of a wave that has a third harmonic, and the next."""
@@ -47,6 +56,10 @@ class TdcNonlinearity(Effect):
 
     * wave: one wave in a period, as of a delay line that is bent.
     * cells: the same with its second and third harmonic, as of cells whose lengths are random.
+    * light: one wave in a period, and a signal that waves with it. Harmonics of a phase meter's wave turn against the
+      wave itself, forwards and backwards: c₃ and c₅ at a quarter of the ambiguity range A give an error of phase of
+      (c₅ − c₃)·sin and of the amplitude of (c₃ + c₅)·cos, so that I *= 1 + ratio·2π/A·(a·cos(2πD/period)
+      − b·sin(2πD/period)), A = 4·period, and `skew` times the error itself where harmonics have phases of their own.
     * cyclic (where a modulation frequency f varies): one wave in a period of phase, a part of half the wavelength of
       the modulation. Both the period and the waves' height go with 1 / f and are given for the fastest.
 
@@ -88,19 +101,31 @@ class TdcNonlinearity(Effect):
                 if not told:
                     continue
                 period = shape("period", unit_of(distance), least, most, *told)
-                yield Variant(
+                plain = Variant(
                     effect=self.id,
                     options={"channel": distance, **({"harmonics": harmonics} if harmonics > 1 else {})},
                     parameters=(*_waves(distance, reach, harmonics), period),
                     channels=(distance,),
                     drivers=(f"sim_{distance}",),
                 )
+                yield plain
+                signal = view.channel(Role.INTENSITY)
+                if harmonics == 1 and signal:
+                    yield replace(
+                        plain,
+                        options={"channel": distance, "light": signal},
+                        parameters=(*plain.parameters, *_LIGHT),
+                        channels=(distance, *light_channels(view, signal)),
+                    )
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Adds the error at the distance that came so far."""
         distance = str(variant.options["channel"])
         slower = _slower(variant, view)
         phase = 2.0 * np.pi / values["period"] * state[distance] / slower
+        if "light" in variant.options:
+            _turn_waves(variant, values, state, view)
+            return
         state[distance] = state[distance] + np.nan_to_num(_error(phase, values) * slower)
 
     def expression(self, variant: Variant) -> str:
@@ -113,6 +138,12 @@ class TdcNonlinearity(Effect):
             turn = f"2 pi {f'{order} ' if order > 1 else ''}{at} / period"
             terms += [f"{sine} * sin({turn})", f"{cosine} * cos({turn})"]
         error = " + ".join(terms)
+        light = variant.options.get("light")
+        if light:
+            turn = f"2 pi {distance} / period"
+            across = f"(sine * cos({turn}) - cosine * sin({turn}))"
+            also = f"{light} *= 1 + pi / (2 period) * (ratio * {across} + skew * error)"
+            return f"{distance} += error, error = {error}; {also}"
         if modulation:
             return f"{distance} += slower * ({error}), slower = {variant.options['fastest']} / {modulation}"
         return f"{distance} += {error}"
@@ -124,7 +155,12 @@ class TdcNonlinearity(Effect):
         period = f"{in_mm(values['period'], distance):.1f} mm"
         if _is_cyclic(variant):
             period += f" at {variant.options['modulation']} = {variant.options['fastest']}, both as 1 / modulation"
-        return f"The distance swings by ±{size:.2f} mm with a period of {period}."
+        swings = f"The distance swings by ±{size:.2f} mm with a period of {period}"
+        if "light" not in variant.options:
+            return f"{swings}."
+        share = 0.5 * np.pi / float(values["period"]) * float(np.hypot(values["sine"], values["cosine"]))
+        part = 100.0 * share * float(np.hypot(values["ratio"], values["skew"]))
+        return f"{swings}, and the signal by ±{part:.2g} % with it."
 
     def next_experiment(self, variant: Variant) -> str:
         """What shows the period."""
@@ -151,6 +187,21 @@ def _cyclic(view: View, distance: str) -> Iterable[Variant]:
             channels=(distance,),
             drivers=(f"sim_{distance}", column),
         )
+
+
+def _turn_waves(variant: Variant, values: Values, state: State, view: View) -> None:
+    """Turn the wave that a phase meter reads as its harmonics do."""
+    distance, channel = str(variant.options["channel"]), str(variant.options["light"])
+    turn, ratio, skew = 2.0 * np.pi / float(values["period"]), float(values["ratio"]), float(values["skew"])
+
+    def turned(at: FloatArray) -> ComplexArray:
+        along, across = (_error(turn * at + ahead, values) for ahead in (0.0, 0.5 * np.pi))
+        return np.asarray(1.0 + turn / _QUARTERS * (ratio * across + skew * along + 1j * along), dtype=np.complex128)
+
+    change = waves_turned(view, state, Phase(distance, channel, turn / _QUARTERS), turned)
+    state[distance] = state[distance] + np.nan_to_num(np.angle(change) * _QUARTERS / turn)
+    light = np.abs(change)
+    set_light(view, state, channel, state[channel] * np.where(np.isfinite(light), np.maximum(light, 0.01), 1.0))
 
 
 def _is_cyclic(variant: Variant) -> bool:
