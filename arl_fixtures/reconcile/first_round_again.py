@@ -47,10 +47,9 @@ def with_constants_held(search: Search, stage: Stage, chance: Screening) -> Stag
     _free_constants(search, shifted, free=False)
     # constants that many earn little: the effect pays for those that it does without
     bare, other = _asked(search, screen(search.small, search.variants, ()), chance, base.log_likelihood - price)
-    best_before = stage.chosen.gain if stage.chosen is not None else 0.0
     sure = [
         r for r in other.ranked if evidence(r, search.surcharge) > stage.threshold
-        and r.gain > max(best_before, stage.threshold + own.get(r.candidate.term.unit, -np.inf))
+        and r.gain > max(stage.gain, stage.threshold + own.get(r.candidate.term.unit, -np.inf))
     ]  # fmt: skip
     if not sure:
         _free_constants(search, shifted, free=True)
@@ -59,7 +58,7 @@ def with_constants_held(search: Search, stage: Stage, chance: Screening) -> Stag
     chosen = min((r for r in sure if is_as_good(r, best)), key=simplest)
     return replace(
         stage, base=bare, p_value=chance.p_value(evidence(chosen, search.surcharge)), ranked=other.ranked,
-        chosen=chosen,
+        chosen=chosen, gain=chosen.gain,
     )  # fmt: skip
 
 
@@ -77,14 +76,14 @@ def behind_zeros(search: Search, stage: Stage, chance: Screening) -> Stage:
         return stage
     _free_zeros(search, signals, free=True)
     bare, other = _asked(search, search.candidates((), with_chance=False), chance, stage.base.log_likelihood)
-    least = stage.threshold if stage.chosen is None else max(stage.chosen.gain + SECOND_NAME, stage.threshold)
+    least = stage.threshold if stage.chosen is None else max(stage.gain + SECOND_NAME, stage.threshold)
     chosen = other.chosen
-    if chosen is None or chosen.gain <= least or evidence(chosen, search.surcharge) <= stage.threshold:
+    if chosen is None or other.gain <= least or evidence(chosen, search.surcharge) <= stage.threshold:
         _free_zeros(search, signals, free=False)
         return stage
     return replace(
         stage, base=bare, p_value=chance.p_value(evidence(chosen, search.surcharge)), ranked=other.ranked,
-        chosen=chosen,
+        chosen=chosen, gain=other.gain,
     )  # fmt: skip
 
 
@@ -105,7 +104,7 @@ def _asked(search: Search, screening: Screening, chance: Screening, before: floa
     for r in other.ranked:
         r.gain -= handicap
         r.robust = min(r.robust, r.gain)
-    return bare, other
+    return bare, replace(other, gain=other.gain - handicap)
 
 
 def _free_constants(search: Search, channels: Sequence[str], *, free: bool) -> None:

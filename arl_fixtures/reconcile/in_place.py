@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from arl_fixtures.reconcile.acceptance import PRICE, Ranked
 from arl_fixtures.reconcile.effects_render import rendered
 from arl_fixtures.reconcile.fit import Fit, finish, fit
+from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.scores import Candidate
 from arl_fixtures.reconcile.screen import screen
 from arl_fixtures.reconcile.settling import shortlist
@@ -66,8 +67,19 @@ def others_in_place(decision: Decision, index: int, without: Fit, gain: float) -
         if other.effect.id in tried:
             continue
         tried.add(other.effect.id)
-        deficit = own - r.gain - idle_price(term, r.fit)
+        there = _gain_there(decision.problem, acted, without, r) if set(other.variant.channels) - acted else r.gain
+        deficit = own - min(r.gain, there) - idle_price(term, r.fit)
         yield InPlace(r, deficit, is_undecided(term, other, deficit, own, sampled=sampled))
+
+
+def _gain_there(problem: Problem, names: Collection[str], without: Fit, ranked: Ranked) -> float:
+    """What an effect gains in the channels in which a name acts, its parameters paid."""
+    told = sum(
+        d.fit_scatter(d.residual(ranked.fit.state))[0] - d.fit_scatter(d.residual(without.state))[0]
+        for d in problem.data
+        if d.channel.name in names
+    )
+    return charged(ranked.fit.terms[-1], told)
 
 
 def _worth_trying(term: Term, candidates: Sequence[Candidate]) -> list[Candidate]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 
 import numpy as np
 
@@ -54,7 +55,7 @@ from arl_fixtures.reconcile.screen import Screening, Surcharge, all_variants, sc
 from arl_fixtures.reconcile.settling import gains_of, in_each_place, settle, shortlist
 from arl_fixtures.reconcile.small_problem import small_part, steps_alike
 from arl_fixtures.reconcile.terms import Term, forward
-from arl_fixtures.reconcile.two_in_place import SECOND_NAME, pairs, sides
+from arl_fixtures.reconcile.two_in_place import SECOND_NAME, sides
 
 FULL_ROWS = 48_000
 MOST_TERMS = 4
@@ -66,13 +67,18 @@ Progress = Callable[[str, float], None]
 
 @dataclass(slots=True, kw_only=True)
 class Stage:
-    """One round of the search: what stood at its start, what was tried, what won."""
+    """One round of the search: what stood at its start, what was tried, what won.
+
+    Attributes:
+        gain: of what won, with the second effect where it is the first of two (see `_rather_two`).
+    """
 
     base: Fit
     threshold: float
     p_value: float
     ranked: list[Ranked]
     chosen: Ranked | None
+    gain: float = 0.0
 
 
 @dataclass(slots=True, kw_only=True)
@@ -307,6 +313,7 @@ class Search:
         ranked = self.rank(base, shortlist([c for c in screening.candidates if not is_repeat(base, c)]))
         sure = self._sure(base, chance, ranked)
         close = [r for r in sure if is_as_good(r, sure[0])]
+        gain = 0.0
         chosen = min(close, key=simplest, default=None)
         if chosen is not None:
             chosen = self._nearest([r for r in close if r.candidate.free == chosen.candidate.free], chosen)
@@ -322,22 +329,26 @@ class Search:
             chosen = min(
                 (r for r in self._sure(base, chance, simpler) if is_as_good(r, best)), key=simplest, default=chosen
             )
-            chosen = self._rather_two(base, screening, chance, chosen)
+            chosen, gain = self._rather_two(base, screening, chance, chosen)
             ranked = sorted([*ranked, *further, *simpler], key=lambda r: -r.gain)
         p_value = chance.p_value(evidence(ranked[0], self.surcharge)) if ranked else 1.0
-        return Stage(base=base, threshold=threshold, p_value=p_value, ranked=ranked, chosen=chosen)
+        return Stage(base=base, threshold=threshold, p_value=p_value, ranked=ranked, chosen=chosen, gain=gain)
 
-    def _rather_two(self, base: Fit, screening: Screening, chance: Screening, chosen: Ranked) -> Ranked:
-        """The stronger of two effects that say as much as the chosen one with fewer parameters; else the chosen."""
-        single = self.rank(base, sides(screening, chosen))
-        best = chosen
-        most = chosen.gain + SECOND_NAME
-        for one, other in pairs(single):
+    def _rather_two(
+        self, base: Fit, screening: Screening, chance: Screening, chosen: Ranked
+    ) -> tuple[Ranked, float]:  # fmt: skip
+        """The stronger of two effects that say more than the chosen one, their parameters paid, else the chosen one.
+
+        And what both of them gain, or the one.
+        """
+        single = [self.rank(base, part) for part in sides(screening, chosen)]
+        best, gain, most = chosen, chosen.gain, chosen.gain + SECOND_NAME
+        for one, other in product(*single):
             both = polished(self.full, base, other.candidate, (*one.fit.terms, other.fit.terms[-1]), rounds=4)
             first = max(self._sure(base, chance, [one, other]), key=lambda r: r.gain, default=None)
             if both.gain > most and first is not None:
-                best, most = first, both.gain
-        return best
+                best, gain, most = first, both.gain, both.gain
+        return best, gain
 
     def _nearest(self, close: Sequence[Ranked], chosen: Ranked) -> Ranked:
         """Of the chosen effect's drivers that tell the same the physically nearest, which comes first."""

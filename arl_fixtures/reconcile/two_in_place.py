@@ -1,18 +1,19 @@
-"""Two effects in the place of one: a law of places and conditions together, where neither changes the other's part.
+"""Two effects in the place of one whose parts they are: of places and of conditions, or of a signal and of a range.
 
 A passband that angle and temperature move together is one effect, and so is a beam that widens with heat: at the edge
 of the image the temperature does something else than in its middle. Where it does the same everywhere, a law of the
-image and one of the temperature say as much with fewer parameters.
+image and one of the temperature say as much with fewer parameters. And a law of the signal by which both signals and
+ranges go is one effect only where the same strength and shape make both.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from itertools import product
+from collections.abc import Sequence
+from typing import NamedTuple
 
 from arl_fixtures.reconcile.acceptance import Ranked
 from arl_fixtures.reconcile.own_driver import driven_by
-from arl_fixtures.reconcile.roles import PIXEL_COLUMNS
+from arl_fixtures.reconcile.roles import PIXEL_COLUMNS, Role, role_of
 from arl_fixtures.reconcile.scores import Candidate
 from arl_fixtures.reconcile.screen import Screening
 from arl_fixtures.reconcile.terms import Term
@@ -23,25 +24,47 @@ _PLACES = PIXEL_COLUMNS | {"incidence_deg"}
 _TRIED = 2
 
 
-def sides(screening: Screening, chosen: Ranked) -> list[Candidate]:
-    """Likeliest candidates of places alone and of conditions alone; none where the chosen one is not of both."""
+class Sides(NamedTuple):
+    """Candidates for either of two effects; none where the chosen one is not of both."""
+
+    one: list[Candidate]
+    other: list[Candidate]
+
+
+def sides(screening: Screening, chosen: Ranked) -> Sides:
+    """Likeliest candidates of the chosen one's parts: of places and of conditions, or of a signal and of a range."""
     term = chosen.candidate.term
-    if term.unit or not (driven_by(term) & _PLACES and driven_by(term) - _PLACES):
-        return []
+    like = [c for c in screening.candidates if not c.term.unit and driven_by(c.term)]
+    of_each = _of_places_and_conditions(term, like) or _of_signal_and_range(term, like)
+    if term.unit or of_each is None or not all(of_each):
+        return Sides([], [])
+    return Sides(*(part[:_TRIED] for part in of_each))
+
+
+def _of_places_and_conditions(term: Term, like: Sequence[Candidate]) -> Sides | None:
+    if not (driven_by(term) & _PLACES and driven_by(term) - _PLACES):
+        return None
     like = [
-        c for c in screening.candidates
-        if not c.term.unit and c.term.effect is not term.effect
-        and c.term.variant.channels == term.variant.channels and driven_by(c.term)
+        c for c in like if c.term.effect is not term.effect and c.term.variant.channels == term.variant.channels
     ]  # fmt: skip
-    of_places = [c for c in like if driven_by(c.term) <= _PLACES]
-    of_conditions = [c for c in like if _is_of_conditions(c.term, term)]
-    return [*of_places[:_TRIED], *of_conditions[:_TRIED]] if of_places and of_conditions else []
+    return Sides(
+        [c for c in like if driven_by(c.term) <= _PLACES], [c for c in like if _is_of_conditions(c.term, term)]
+    )
 
 
-def pairs(ranked: Sequence[Ranked]) -> Iterator[tuple[Ranked, Ranked]]:
-    """Each candidate of places with each of conditions."""
-    of_places = [r for r in ranked if driven_by(r.candidate.term) <= _PLACES]
-    return product(of_places, [r for r in ranked if r not in of_places])
+def _of_signal_and_range(term: Term, like: Sequence[Candidate]) -> Sides | None:
+    """An amplifier that gives way ranges flattened pulses otherwise; a threshold walks without any of it."""
+    channels = [name for name in term.variant.channels if not name.endswith("_std")]
+    signals, ranges = ({n for n in channels if role_of(n) is role} for role in (Role.INTENSITY, Role.DISTANCE))
+    if not (signals and ranges and driven_by(term) <= signals):
+        return None
+    like = [c for c in like if driven_by(c.term) == driven_by(term)]
+    one, other = ([c for c in like if _moves(c.term) <= moved] for moved in (signals, ranges))
+    return Sides(one, other)
+
+
+def _moves(term: Term) -> set[str]:
+    return {name for name in term.variant.channels if not name.endswith("_std")}
 
 
 def _is_of_conditions(term: Term, chosen: Term) -> bool:

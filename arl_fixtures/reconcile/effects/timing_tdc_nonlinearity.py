@@ -35,10 +35,12 @@ rows of one place differ at most; share of a stride by which places may miss the
 DISTINCT = 4
 """Distances for each parameter: as many waves as there are targets draw anything."""
 _HERTZ = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6}
+SHORTEST_M = 0.2
+"""Period of the error of a phase meter, a quarter of its ambiguity range, whose light is modulated at 190 MHz."""
 _QUARTERS = 4.0
 """Periods of the third and fifth harmonic's error in the ambiguity range."""
-_STEEPEST = 20.0
-"""Of the ratio of both harmonics' sum to their difference, which may be nearly alike."""
+_STEEPEST = 5.0
+"""Of the ratio of both harmonics' sum to their difference: the third is by far the larger one."""
 _LIGHT = tuple(shape(name, "1", -_STEEPEST, _STEEPEST, 0.0) for name in ("ratio", "skew"))
 _PARTS = (1, 2, 4, 8)
 """Of a phase meter's ambiguity range, in which waves come again: cross-talk, channels of unlike gain, samples taken
@@ -109,12 +111,13 @@ class TdcNonlinearity(Effect):
                     drivers=(f"sim_{distance}",),
                 )
                 yield plain
-                signal = view.channel(Role.INTENSITY)
-                if harmonics == 1 and signal:
+                signal, waves = view.channel(Role.INTENSITY), [start for start in told if start > SHORTEST_M * size]
+                if harmonics == 1 and signal and waves and distinct > DISTINCT * 5:
+                    period = shape("period", unit_of(distance), max(least, SHORTEST_M * size), most, *waves)
                     yield replace(
                         plain,
                         options={"channel": distance, "light": signal},
-                        parameters=(*plain.parameters, *_LIGHT),
+                        parameters=(*_waves(distance, reach, 1), period, *_LIGHT),
                         channels=(distance, *light_channels(view, signal)),
                     )
 
