@@ -20,7 +20,7 @@ from scipy.special import ndtr
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.effects_common import FloatArray, distances, per_view, pure_rows, set_light
 from arl_fixtures.reconcile.effects_scene import pixel_width
-from arl_fixtures.reconcile.effects_surface import beyond_border, beyond_surface, borders, mixed_rows
+from arl_fixtures.reconcile.effects_surface import beyond_border, beyond_surface, borders, mixed_rows, pulled_channels
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
 
@@ -68,13 +68,29 @@ class Sides:
     other: IntArray
 
     def part(self, view: View, channel: str) -> FloatArray:
-        """Part of a pixel that the other surface fills, as the simulated light says; NaN where unknown."""
-        light = view.number(f"sim_{channel}")
-        own, other = (view.take_number(f"sim_{channel}", rows) for rows in (self.own, self.other))
+        """Part of a pixel that the other surface fills, as the simulated light says, and ranges that follow it.
+
+        NaN where neither tells the surfaces apart. Both are linear in it: I, and I·D.
+        """
+        here = _moments(view, channel, None)
+        own, other = (_moments(view, channel, rows) for rows in (self.own, self.other))
         with np.errstate(invalid="ignore", divide="ignore"):
-            part = (light - own) / (other - own)
-        told = (np.abs(other - own) > _CONTRAST * light) & (np.abs(part - 0.5) < 0.5 + OFF)
+            apart = (other - own) / here[0]
+            size = np.sqrt(np.sum(apart**2, axis=0))
+            part = np.sum((here - own) / here[0] * apart, axis=0) / size**2
+        told = (size > _CONTRAST) & (np.abs(part - 0.5) < 0.5 + OFF)
         return np.where(told, np.clip(part, 0.0, 1.0), np.nan)
+
+
+def _moments(view: View, channel: str, rows: IntArray | None) -> FloatArray:
+    """Light, and of each distance that follows it the light times its ratio to the row's own, (k, n)."""
+
+    def take(name: str) -> FloatArray:
+        return view.number(name) if rows is None else view.take_number(name, rows)
+
+    light = take(f"sim_{channel}")
+    ratios = [take(f"sim_{name}") / view.number(f"sim_{name}") for name in pulled_channels(view)]
+    return np.stack([light, *(light * ratio for ratio in ratios)])
 
 
 def sides_of(view: View) -> Sides | None:

@@ -44,9 +44,9 @@ def seen(bearing_deg, blur_px, beyond=0.0):
     return light, moment / light, fills
 
 
-def few_pixels(real, seed):
-    """Five columns and four rows far apart, at 25 stage angles and three steps."""
-    axes = np.arange(3.0), np.arange(-13.2, 13.3, 1.1), np.arange(0.0, 16.0, 5.0), np.arange(24.0, 41.0, 4.0)
+def few_pixels(real, seed, turn_deg=1.1, apart=4.0):
+    """Columns, few and far apart if nothing else is said, and four rows, at many stage angles and three steps."""
+    axes = np.arange(3.0), np.arange(-13.2, 13.3, turn_deg), np.arange(0.0, 16.0, 5.0), np.arange(24.0, 41.0, apart)
     step, stage, v, u = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
     azimuth = PITCH_DEG * (u - 31.5)
     light, far, fills = seen(azimuth + stage, SHARP_PX)
@@ -91,3 +91,11 @@ def test_the_simulated_light_tells_how_much_of_a_pixel_lies_beyond_a_border():
     known = np.isfinite(part)
     assert known.sum() > 0.9 * np.sum(view.selects("mixed", "true"))
     assert np.quantile(np.abs(part - other)[known], 0.9) < 0.03
+
+
+def test_a_blur_that_reaches_over_edges_is_found_though_a_small_one_does_nothing():
+    """Most rays are no border's: until the blur is as wide as the way to the next one, none of them shows it."""
+    columns = few_pixels(lambda bearing: seen(bearing, np.hypot(SHARP_PX, 0.35)), 4, turn_deg=3.3, apart=1.0)
+    effects = [library()[name] for name in ("target.edge_mixing", "optics.defocus", "detector.crosstalk")]
+    found = diagnose(columns, effects=effects)[0].findings
+    assert [f.effect for f in found] == ["optics.defocus"]

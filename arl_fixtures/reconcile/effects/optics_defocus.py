@@ -63,7 +63,8 @@ class Defocus(Effect):
             kinds = (*kinds, "border", *(("border, ranges stay",) if pulled_channels(view) else ()))
         for channel in signals(view):
             for column, kind in itertools.product(("", *columns), kinds):
-                parameters: tuple[Parameter, ...] = (amplitude("width", "px", 0.0, 1.2, 0.3),)
+                typical = _WIDE if kind == "scene" else 0.3
+                parameters: tuple[Parameter, ...] = (amplitude("width", "px", 0.0, 1.2, typical),)
                 if kind == "halo":
                     parameters = (amplitude("share", "1", 0.0, 0.9, 0.05), shape("wide", "px", 1.1, 3.0, 1.5))
                 scale = 1.0
@@ -157,6 +158,8 @@ def _followers(view: View, kind: Option) -> tuple[str, ...]:
     return pulled_channels(view) if kind == "border" else ()
 
 
+_WIDE = 2.0
+"""Blur whose tenth, by which a search feels its way, already reaches over edges from the rays beside them, pixels."""
 _AT_BORDERS = ("border", "border, ranges stay")
 _WIDEST = 1.2
 _VARIANCES = np.linspace(0.0, _WIDEST**2, 500)
