@@ -30,6 +30,8 @@ MOST_FAILED = 3
 """Times that the best candidates of all may fail on unseen blocks before a search ends."""
 SET_MEANWHILE = 0.9
 """Share of what a law of an order foretells from which one of what was set in that order is the law."""
+FEW_COEFFICIENTS = 4
+"""Coefficients that it may have if the law of an order has fewer: as many as there are steps tell anything."""
 FURTHER_EVIDENCE = 6.0
 """What a further term must earn beyond its price: of hundreds beside a good first one some earn a little."""
 
@@ -49,7 +51,12 @@ def find_terms(work: Work, pool: Candidates, whole: Work | None = None) -> Chose
         return found
     orders = frozenset(k for k, item in enumerate(pool.items) if any(map(is_order, item.basis.columns)))
     timeless = _forward(work, pool, whole or work, orders)
-    return timeless if timeless.held > SET_MEANWHILE * found.held else found
+    as_simple = _coefficients(timeless) <= max(_coefficients(found), FEW_COEFFICIENTS)
+    return timeless if as_simple and timeless.held > SET_MEANWHILE * found.held else found
+
+
+def _coefficients(chosen: Chosen) -> int:
+    return sum(len(values) for values in chosen.values)
 
 
 def _forward(work: Work, pool: Candidates, whole: Work, without: frozenset[int]) -> Chosen:

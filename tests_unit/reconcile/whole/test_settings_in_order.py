@@ -36,3 +36,38 @@ def test_what_a_setting_does_is_no_ageing_with_the_steps():
     (found,) = diagnose(afterpulsing(31, 0.02))[0].findings
     assert found.effect == "unknown"
     assert {"holdoff_ns", "excess_bias_v"} & set(found.drivers)
+
+
+def pumped(seed, swing_mm):
+    """Two alike thermal cycles of 17 steps; a coolant pump's beat swings the ranges by the cycle's clock."""
+    rng = np.random.default_rng(seed)
+    cycle, step, spot = (a.ravel() for a in np.meshgrid(np.arange(2), np.arange(17), np.arange(60), indexing="ij"))
+    time = 1080.0 + 1400.0 * step + 12.0 * (step % 5)
+    plate = np.concatenate([np.linspace(-10.0, 60.0, 9), np.linspace(51.0, -8.0, 8)])
+    warm = plate[step] + 12.0 * np.exp(-time / 4000.0) + 0.2 * rng.normal(size=34)[17 * cycle + step]
+    far = 2.0 + 0.01 * spot
+    bearing = 2.0 * np.pi * time / 6430.0  # the bracket answers the pump, whose speed beats with the mains
+    moved = swing_mm * np.sin(bearing)
+    return columns_of(pa.table({
+        "dut": np.full(time.size, "A"), "cycle": cycle, "step": step, "time_s": time, "pixel_u": spot,
+        "set_temperature_c": plate[step], "ramp": np.where(step < 9, 1, -1),
+        "housing_temperature_c": warm, "tof_temperature_c": warm + 9.0 + 0.3 * rng.normal(size=34)[17 * cycle + step],
+        "n_frames": np.full(time.size, 25.0), "sim_distance_m": far, "sim_distance_m_std": np.full(time.size, 0.023),
+        "distance_m": far + 1e-3 * moved + 0.023 / 5.0 * rng.normal(size=time.size),
+    }))  # fmt: skip
+
+
+def test_a_beat_with_the_clock_of_each_cycle_is_no_curve_of_temperatures():
+    """As many coefficients as there are steps tell any law of these: several curves of what was set did so."""
+    (found,) = diagnose(pumped(1, 12.0))[0].findings
+    assert found.effect == "unknown"
+    assert found.drivers[0] == "time_s"
+
+
+def test_steps_that_scatter_are_no_beat():
+    rng = np.random.default_rng(9)
+    table = pumped(5, 0.0)
+    shift = 0.008 * rng.normal(size=34)
+    code = (17 * table.numbers["cycle"] + table.numbers["step"]).astype(int)
+    table.numbers["distance_m"] = table.numbers["distance_m"] + shift[code]
+    assert not diagnose(table)[0].findings
