@@ -30,8 +30,11 @@ def is_undecided(named: Term, other: Term, deficit: float, gain: float, *, sampl
         gain: what the finding gains after its charge; log-likelihood.
         sampled: whether the scene is known from the table's own samples only.
     """
-    extra = PRICE * max(len(other.free()) - len(named.free()), 0) if alike(named.effect, other.effect) else 0.0
-    return deficit - extra < max(TWIN_GAIN, share_undecided(named.effect, other.effect, sampled=sampled) * gain)
+    shape = share_undecided(named.effect, other.effect, sampled=sampled) * gain
+    if not alike(named.effect, other.effect):
+        return deficit < max(TWIN_GAIN, shape)
+    extra = PRICE * max(len(other.free()) - len(named.free()), 0)
+    return deficit - extra < TWIN_GAIN + shape  # chance comes on top of what their shapes get wrong
 
 
 def idle_price(named: Term, other: Fit) -> float:

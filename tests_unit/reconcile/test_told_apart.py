@@ -68,6 +68,12 @@ def test_of_alike_effects_the_simpler_one_does_not_rule_out_the_other(other, par
     assert is_undecided(named, term(other, parameters), 10.0, 50.0, sampled=True) == undecided
 
 
+@pytest.mark.parametrize(("other", "undecided"), [("optics.filter_shift", True), ("timing.range_walk", False)])
+def test_chance_comes_on_top_of_what_alike_laws_get_wrong(other, undecided):
+    """Where little is gained in all, a law that is an eighth off loses that and what the noise makes of it."""
+    assert is_undecided(acting("beam.profile_change"), acting(other), 6.8, 38.5, sampled=True) == undecided
+
+
 def shaped(effect, *spans):
     """A term with an amplitude and shapes, and a fit in which each shape changes so much over its range."""
     amplitude = Parameter(name="size", unit="1", low=-1.0, high=1.0, null=0.0, typical=0.1)
