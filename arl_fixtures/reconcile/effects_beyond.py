@@ -67,30 +67,31 @@ class Sides:
     own: IntArray
     other: IntArray
 
+    def seen(self, view: View, name: str) -> tuple[FloatArray, FloatArray]:
+        """A column as either side shows it alone, (n,) each; NaN where none does."""
+        return per_view(
+            view, ("sides", name), lambda: (view.take_number(name, self.own), view.take_number(name, self.other))
+        )
+
     def part(self, view: View, channel: str) -> FloatArray:
         """Part of a pixel that the other surface fills, as the simulated light says, and ranges that follow it.
 
         NaN where neither tells the surfaces apart. Both are linear in it: I, and I·D.
         """
-        here = _moments(view, channel, None)
-        own, other = (_moments(view, channel, rows) for rows in (self.own, self.other))
+        names = [f"sim_{name}" for name in (channel, *pulled_channels(view))]
+        light, *far = (view.number(name) for name in names)
+
+        def moments(lit: FloatArray, *ranges: FloatArray) -> FloatArray:
+            return np.stack([lit, *(lit * at / ours for at, ours in zip(ranges, far, strict=True))])
+
+        here = moments(light, *far)
+        own, other = (moments(*side) for side in zip(*(self.seen(view, name) for name in names), strict=True))
         with np.errstate(invalid="ignore", divide="ignore"):
             apart = (other - own) / here[0]
             size = np.sqrt(np.sum(apart**2, axis=0))
             part = np.sum((here - own) / here[0] * apart, axis=0) / size**2
         told = (size > _CONTRAST) & (np.abs(part - 0.5) < 0.5 + OFF)
         return np.where(told, np.clip(part, 0.0, 1.0), np.nan)
-
-
-def _moments(view: View, channel: str, rows: IntArray | None) -> FloatArray:
-    """Light, and of each distance that follows it the light times its ratio to the row's own, (k, n)."""
-
-    def take(name: str) -> FloatArray:
-        return view.number(name) if rows is None else view.take_number(name, rows)
-
-    light = take(f"sim_{channel}")
-    ratios = [take(f"sim_{name}") / view.number(f"sim_{name}") for name in pulled_channels(view)]
-    return np.stack([light, *(light * ratio for ratio in ratios)])
 
 
 def sides_of(view: View) -> Sides | None:
@@ -152,13 +153,13 @@ def blur_borders(view: View, state: State, channel: str, width: FloatArray, far:
         return
     part = per_view(view, ("part beyond", channel), lambda: sides.part(view, channel))
     gained = widened(part, width) - part
-    own, other = (view.take_number(f"sim_{channel}", rows) for rows in (sides.own, sides.other))
+    own, other = sides.seen(view, f"sim_{channel}")
     simulated, at = view.number(f"sim_{channel}"), np.isfinite(gained)
     with np.errstate(invalid="ignore", divide="ignore"):
         light = simulated + gained * (other - own)
         pull = gained * other * own / (simulated * light)
     for name in far:
-        near, beyond = (view.take_number(f"sim_{name}", rows) for rows in (sides.own, sides.other))
+        near, beyond = sides.seen(view, f"sim_{name}")
         moved = pull * (beyond - near)  # of the mean by light
         state[name] = state[name] + np.where(at & np.isfinite(moved), moved, 0.0)
     set_light(view, state, channel, state[channel] * np.where(at & (light > 0.0), light / simulated, 1.0))

@@ -36,15 +36,12 @@ def waves_turned(
     if sides is None:
         return change
 
-    def wave(rows: NDArray[np.int64] | None) -> tuple[FloatArray, FloatArray, ComplexArray]:
-        far, light = (
-            view.number(name) if rows is None else view.take_number(name, rows)
-            for name in (f"sim_{phase.distance}", f"sim_{phase.signal}")
-        )
-        return far, light, light * np.exp(1j * phase.per_distance * far)
-
-    _, light, here = wave(None)
-    (near, _, own), (far, _, other) = wave(sides.own), wave(sides.other)
+    names = f"sim_{phase.distance}", f"sim_{phase.signal}"
+    range_, light = (view.number(name) for name in names)
+    (near, far), (dim, bright) = (sides.seen(view, name) for name in names)
+    here, own, other = (
+        size * np.exp(1j * phase.per_distance * at) for size, at in ((light, range_), (dim, near), (bright, far))
+    )
     with np.errstate(invalid="ignore", divide="ignore"):
         part = np.real((here - own) * np.conj(other - own)) / np.abs(other - own) ** 2
         part = np.where(np.abs(part - 0.5) < 0.5 + OFF, np.clip(part, 0.0, 1.0), np.nan)

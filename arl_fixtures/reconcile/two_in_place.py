@@ -54,8 +54,7 @@ def _of_places_and_conditions(term: Term, like: Sequence[Candidate]) -> Sides | 
 
 def _of_signal_and_range(term: Term, like: Sequence[Candidate]) -> Sides | None:
     """An amplifier that gives way ranges flattened pulses otherwise; a threshold walks without any of it."""
-    channels = [name for name in term.variant.channels if not name.endswith("_std")]
-    signals, ranges = ({n for n in channels if role_of(n) is role} for role in (Role.INTENSITY, Role.DISTANCE))
+    signals, ranges = ({n for n in _moves(term) if role_of(n) is role} for role in (Role.INTENSITY, Role.DISTANCE))
     if not (signals and ranges and driven_by(term) <= signals):
         return None
     like = [c for c in like if driven_by(c.term) == driven_by(term)]
