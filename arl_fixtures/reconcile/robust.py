@@ -25,7 +25,7 @@ SPARE_PLACES, SPARE_FIXED = 1.5, 2.0
 """Places beyond its parameters from which a term must gain that displaces rays, or that does the same to a place at
 all times: fewer are hit by any that has so many."""
 SPARE_ROWS = 1.5
-"""Rows from which a gain must come."""
+"""Rows from which a gain must come, each with all its channels."""
 REST_GAIN, REST_SHARE = 15.0, 0.15
 """Log-likelihood, and share of the whole, that the other places gain together where a few gain most: so many that one
 large edge among them makes no chance of them."""
@@ -59,9 +59,9 @@ def robust_gain(problem: Problem, found: Fit, first: int, gain: float) -> float:
         whole, change = whole - basis @ (basis.T @ whole), change - basis @ (basis.T @ change)
     if float(change @ change) <= 0.0:
         return 0.0
-    won = _gain_of_places(np.arange(whole.size), whole, found.residual)
+    won = _gain_of_places(problem.codes(np.arange(problem.columns.n)), whole, found.residual)
     if _places_won(won) < SPARE_ROWS and not _others_gain(won, 1):
-        return 0.0  # what an effect does it does to more than one row: that one is wild
+        return 0.0  # what an effect does it does to more than one row: that one is wild, in all its channels
     if problem.view.varies("stage_angle_deg") and _hits_few_places(problem, found, first, change, residual):
         return 0.0
     worst = np.inf

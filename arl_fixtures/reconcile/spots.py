@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from arl_fixtures.reconcile.fit import Fit, fit, within_reach
+from arl_fixtures.reconcile.acceptance import worth
+from arl_fixtures.reconcile.fit import Fit, finish, fit, within_reach
 from arl_fixtures.reconcile.patterns import Pattern
 from arl_fixtures.reconcile.ranking import polished
 from arl_fixtures.reconcile.screen import screen
@@ -44,4 +45,22 @@ def spots_instead(search: Search, base: Fit, pattern: Pattern, threshold: float)
             best, most = trial.fit, gain
         elif number and gain <= 0.0:
             break
+    return None if best is None else without_idle(search, best, len(base.terms))
+
+
+def without_idle(search: Search, best: Fit, first: int) -> Fit:
+    """A fit without those of its spots, from the term `first` on, that no longer pay for themselves, the least first.
+
+    A spot that was tried while the ones before it had not come to rest is paid by what these gain meanwhile.
+    """
+    while len(best.terms) > first + 1:
+        gains = []
+        for index in range(first, len(best.terms)):
+            rest = tuple(t for k, t in enumerate(best.terms) if k != index)
+            without = finish(search.full, fit(search.full, rest, rounds=3))
+            gains.append((worth(best, without) - search.surcharge.of(best.terms[index]), index, without))
+        weakest = min(gains, key=lambda item: item[0])
+        if weakest[0] > 0.0:
+            break
+        best = weakest[2]
     return best

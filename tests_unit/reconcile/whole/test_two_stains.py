@@ -1,13 +1,17 @@
 """Dirt lies where it falls: each stain of a window is a finding, one that is no ellipse is not two."""
 
+from dataclasses import replace
+
 import numpy as np
 import pyarrow as pa
 import pytest
 
 from arl_fixtures.reconcile.catalogue import library
+from arl_fixtures.reconcile.fit import finish, fit
 from arl_fixtures.reconcile.patterns import find_patterns
 from arl_fixtures.reconcile.patterns_beside import add_spots
 from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.spots import without_idle
 from arl_fixtures.reconcile.table import columns_of
 
 RIVALS = [
@@ -96,6 +100,17 @@ def test_stains_of_an_array_are_no_pattern_of_its_pixels():
     assert [f.effect for f in found] == ["optics.window_contamination"] * 3
     centres = sorted(p.value for f in found for p in f.parameters if p.name == "centre_u")
     assert centres == pytest.approx([27.0, 60.0, 92.0], abs=4.0)
+
+
+def test_a_spot_where_there_is_none_is_dropped():
+    """A spot that was added while the others had not come to rest was paid by what these gained meanwhile."""
+    _, _, decision = diagnose(image(7, blots))
+    stains, problem = decision.best.terms, decision.problem
+    places = {"loss": 0.004, "centre_u": 8.0, "radius_u": 5.0, "centre_v": 3.0, "radius_v": 4.0}
+    idle = replace(stains[0], values={**stains[0].values, **places})
+    more = finish(problem, fit(problem, (*stains, idle), rounds=4))
+    left = without_idle(decision.search, more, 0).terms
+    assert sorted(round(t.values["centre_u"]) for t in left) == sorted(round(t.values["centre_u"]) for t in stains)
 
 
 def test_unlike_pixels_are_no_stains():
