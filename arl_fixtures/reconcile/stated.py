@@ -8,11 +8,14 @@ from scipy.special import gammaln
 from scipy.stats import binom
 
 from arl_fixtures.reconcile.columns import Channel, FloatArray
+from arl_fixtures.reconcile.effects_common import per_view
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
 
 MOST_SHARED = 3.0
 """Largest part of it that is allowed for: where nearly nothing is lost, what is lost still tells."""
+MOST_FRAMES, WHOLE = 1000, 1e-4
+"""Frames that shares are taken to be of at most, where the table does not count them; and how exactly."""
 RARE = 1e-4
 """Probability below which frames that do or do not return make no such share by chance."""
 
@@ -23,13 +26,13 @@ def stated_error(view: View, channel: Channel) -> tuple[FloatArray, bool]:
     A standard deviation of n frames scatters by sim_X_std · sqrt(1 − c4(n)²), the share p of n frames that return by
     sqrt(p (1 − p) / n), with p drawn to a half by one frame of each kind (Laplace's rule): none is ever certain.
     """
-    frames = np.maximum(np.nan_to_num(view.frames(), nan=1.0), 1.0)
+    frames, returns = np.maximum(np.nan_to_num(view.frames(), nan=1.0), 1.0), frames_of_share(view, channel)
     if channel.role is Role.SCATTER:
         error = np.abs(view.sim[channel.name]) * np.sqrt(1.0 - shortfall(frames) ** 2)
         known = True
-    elif channel.role is Role.FRACTION and view.has("n_frames") and not view.has(f"sim_{channel.name}_std"):
-        share = (frames * np.clip(view.sim[channel.name], 0.0, 1.0) + 1.0) / (frames + 2.0)
-        error, known = np.sqrt(share * (1.0 - share) / frames), True
+    elif returns is not None and not view.has(f"sim_{channel.name}_std"):
+        share = (returns * np.clip(view.sim[channel.name], 0.0, 1.0) + 1.0) / (returns + 2.0)
+        error, known = np.sqrt(share * (1.0 - share) / returns), True
     else:
         name = f"sim_{channel.name}_std"
         known = name in view.columns.numbers and bool(np.any(view.columns.numbers[name] > 0))
@@ -39,6 +42,29 @@ def stated_error(view: View, channel: Channel) -> tuple[FloatArray, bool]:
         return np.ones(view.n), False
     low = 1e-3 * float(np.median(positive))
     return np.where(np.isfinite(error) & (error > low), error, np.median(positive)), known
+
+
+def frames_of_share(view: View, channel: Channel) -> FloatArray | None:
+    """Frames of which each row of a share tells how many return, (n,); None of others, or where nothing tells them.
+
+    A table that does not count them shows them: shares of n frames are multiples of 1/n. That matters only where the
+    simulation states a probability.
+    """
+    if channel.role is not Role.FRACTION:
+        return None
+    if view.has("n_frames"):
+        return np.maximum(np.nan_to_num(view.frames(), nan=1.0), 1.0)
+
+    def count() -> int | None:
+        columns = (view.columns.numbers[name] for name in (channel.name, f"sim_{channel.name}"))
+        told, simulated = (np.unique(x[np.isfinite(x)]) for x in columns)
+        if len(told) < 2 or len(simulated) < 2:
+            return None
+        whole = (n for n in range(1, MOST_FRAMES + 1) if np.all(np.abs(told * n - np.round(told * n)) < WHOLE))
+        return next(whole, None)
+
+    found = per_view(view, ("frames of", channel.name), count)
+    return None if found is None else np.full(view.n, float(found))
 
 
 def shortfall(frames: FloatArray) -> FloatArray:
@@ -54,9 +80,10 @@ def surprise_shared(view: View, channel: Channel, use: NDArray[np.int64]) -> flo
     kurtosis of a count is 1 / (n p q): whatever few rows have in common follows it (Johnson, Kotz, Kemp, Univariate
     Discrete Distributions, ch. 3).
     """
-    if channel.role is not Role.FRACTION or not view.has("n_frames"):
+    frames = frames_of_share(view, channel)
+    if frames is None:
         return 1.0
-    frames = np.maximum(np.nan_to_num(view.frames()[use], nan=1.0), 1.0)
+    frames = frames[use]
     share = np.clip(view.sim[channel.name][use], 0.0, 1.0)
     lost = float(np.median(frames * share * (1.0 - share)))
     return 1.0 + min(1.0 / max(lost, 1e-9), MOST_SHARED)
@@ -68,9 +95,10 @@ def by_chance(view: View, channel: Channel, use: NDArray[np.int64]) -> NDArray[n
     Nearly all frames of most rows return: those that lack one stand far out and yet are no wild readings. Held back,
     the mean of the others lies above the probability. No row where the channel is no share or frames are not counted.
     """
-    if channel.role is not Role.FRACTION or not view.has("n_frames"):
+    frames = frames_of_share(view, channel)
+    if frames is None:
         return np.zeros(len(use), dtype=bool)
-    frames = np.maximum(np.nan_to_num(view.frames()[use], nan=1.0), 1.0)
+    frames = frames[use]
     returns = np.round(frames * view.number(channel.name)[use])
     share = np.clip(view.sim[channel.name][use], 0.0, 1.0)
     return np.asarray(np.minimum(binom.cdf(returns, frames, share), binom.sf(returns - 1.0, frames, share)) > RARE)
