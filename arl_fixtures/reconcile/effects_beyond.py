@@ -134,6 +134,16 @@ def widened(part: FloatArray, width: FloatArray) -> FloatArray:
     return np.asarray(_filled(place, np.hypot(USUAL_BLUR, width)))
 
 
+def grows(part: FloatArray, blur: float) -> FloatArray:
+    """By how much more of a pixel a surface fills that fills `part` of it, for a pixel that its border moves; (n,).
+
+    Args:
+        part: shares, 0 to 1; blur: standard deviation of the border's image, pixels.
+    """
+    blurred = np.full(_PLACES.size, blur)
+    return np.interp(part, _filled(_PLACES, blurred), ndtr((_PLACES + 0.5) / blur) - ndtr((_PLACES - 0.5) / blur))
+
+
 def _filled(place: FloatArray, blur: FloatArray) -> FloatArray:
     """F of the module's text: how much of a pixel lies beyond an edge, `place` pixels from the edge to its middle."""
     from_edge, to_edge = place + 0.5, place - 0.5

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effects_common import distances, per_table, signals
+from arl_fixtures.reconcile.effects_surface import stops_far_apart
 from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]
@@ -53,7 +54,7 @@ def _ranges_first_echo(view: View) -> bool:
 
 
 def _looked_at(view: View) -> bool:
-    if not (view.varies("stage_angle_deg") and signals(view) and distances(view)):
+    if not (view.varies("stage_angle_deg") and signals(view) and distances(view)) or stops_far_apart(view):
         return False
     light, far = _around(view, next(iter(signals(view)))), _around(view, distances(view)[0])
     with np.errstate(invalid="ignore"):

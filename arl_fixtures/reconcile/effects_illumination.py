@@ -23,6 +23,8 @@ _PLAIN = ({(4, 0), (0, 4)}, {(2, 0), (0, 2)}, {(2, 0), (0, 2), (4, 0), (0, 4)})
 """Powers of simpler profiles, which are taken where they fit exactly: few pixels do not tell of all the others."""
 _STEEPEST = 8.0
 """Logarithm by which no beam falls to the edge of an image."""
+_DEEPEST = 12.0
+"""Logarithm by which none falls to a corner of it."""
 _KNOWN_TO, _BEYOND = 1.1, 1.6
 """Times the field of view up to which a profile is known, and a simple one that fits exactly."""
 _AS_GOOD = 1.1
@@ -207,7 +209,8 @@ def _profile(view: View, channel: str, axes: tuple[Across, Across]) -> Illuminat
             if rest < _GOOD_REST:
                 break
         known_to = _BEYOND if rest < _EXACT_REST and set(terms) in _PLAIN else _KNOWN_TO
-        return Illumination(terms, solution[1 : len(terms) + 1], reach_az, reach_el, known_to)
+        found = Illumination(terms, solution[1 : len(terms) + 1], reach_az, reach_el, known_to)
+        return found if np.abs(found.log(az, el)).max() < _DEEPEST else None  # what few rows left free
 
     return per_table(view, ("illumination", channel, axes), make)
 

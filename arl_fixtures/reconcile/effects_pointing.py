@@ -19,13 +19,15 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
 )
 from arl_fixtures.reconcile.effects_first_echo import held_at_first_echoes
+from arl_fixtures.reconcile.effects_footprint import COARSE
 from arl_fixtures.reconcile.effects_illumination import azimuth, elevation, illumination, log_profile
+from arl_fixtures.reconcile.effects_image_borders import ImageBorders, borders_in_images
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.effects_render import as_simulated, rendered
 from arl_fixtures.reconcile.effects_room import changes_in_room, looks_down, on_planes, room_of
 from arl_fixtures.reconcile.effects_room_beams import borders_in_line
 from arl_fixtures.reconcile.effects_room_borders import Borders
-from arl_fixtures.reconcile.effects_scene import Scene, curves_over_bearing, gap_of, gaps_of, pixel_width, scene
+from arl_fixtures.reconcile.effects_scene import Scene, gap_of, gaps_of, pixel_width, scene
 from arl_fixtures.reconcile.effects_still import both, scenes_shown
 from arl_fixtures.reconcile.effects_sweep import along_sweep
 from arl_fixtures.reconcile.view import IntArray, View
@@ -126,34 +128,6 @@ def _near(found: Scene, view: View) -> FloatArray:
     """How far to either side of a bearing a slope is told, degrees, of every row: as far as the next sample lies."""
     gap, width = gaps_of(found.line, found.bearing)[found.line], pixel_width(view)
     return np.asarray(np.clip(np.where(gap < _DENSE * width, 0.5 * gap, gap), _NEAREST * width, _NEAR * width))
-
-
-def footprint_share(view: View, belongs: FloatArray) -> FloatArray | None:
-    """Share of each row's pixel, on the rows under work, in which something holds along the bearing.
-
-    Args:
-        view: rows under work.
-        belongs: 1 where it holds for the ray through the pixel's centre, else 0; of every row of the whole table.
-
-    Returns:
-        Box average over the pixel's width; None where the table has no columns of pixels with an azimuth.
-    """
-    found = scene(view)
-    if found is None or not (view.varies("azimuth_deg") and view.varies("pixel_u")):
-        return None
-    grid = curves_over_bearing(found.line, found.bearing / found.step_deg, belongs, int(found.line.max()) + 1)
-    total = np.concatenate([np.zeros((grid.shape[0], 1)), np.cumsum(grid, axis=1)], axis=1)
-    half = 0.5 * pixel_width(view)[view.rows] / found.step_deg
-    place, line = found.bearing[view.rows] / found.step_deg + 0.5, found.line[view.rows] * total.shape[1]
-
-    def up_to(end: FloatArray) -> FloatArray:
-        inside = np.clip(end, 0.0, total.shape[1] - 1.001)
-        low: IntArray = inside.astype(np.int64)
-        values = total.ravel()
-        return np.asarray(values[line + low] + (inside - low) * (values[line + low + 1] - values[line + low]))
-
-    share = (up_to(place + half) - up_to(place - half)) / np.maximum(2.0 * half, 1e-9)
-    return np.asarray(np.clip(share, 0.0, 1.0))
 
 
 def _here(found: Scene, view: View) -> dict[str, FloatArray]:
@@ -344,14 +318,26 @@ def changes_elsewhere(
         if not told.all():
             curves = _along_curves(found, view, turn, lift)
             changes = {name: np.where(told, change, curves.get(name, change)) for name, change in changes.items()}
-    if borders is None or not over_borders:
+    if not over_borders:
         return changes
-    known, shared = borders.known[view.rows], borders.changes(view, turn, lift)
-    return {name: np.where(known, shared.get(name, change), change) for name, change in changes.items()}
+    if borders is not None:
+        known, shared = borders.known[view.rows], borders.changes(view, turn, lift)
+        changes = {name: np.where(known, shared.get(name, change), change) for name, change in changes.items()}
+    image = per_table(view, "borders in images", lambda: _coarse_images(view, found)) if room is None else None
+    return changes if image is None else image.changes(view, turn, lift, changes)
 
 
 _FINE = 0.2
 """Share of a pixel's width between the samples of a curve up to which it tells how borders cross a pixel."""
+
+
+def _coarse_images(view: View, found: Scene) -> ImageBorders | None:
+    """The borders in images of which too few show a place for a curve to tell how borders cross their pixels."""
+    if "pixel_u" not in view.columns.numbers:
+        return None
+    if gap_of(found.line, found.bearing, 0.5) < COARSE * float(np.median(pixel_width(view))):
+        return None
+    return borders_in_images(view)
 
 
 def _coarsely_seen(view: View, found: Scene) -> Borders | None:

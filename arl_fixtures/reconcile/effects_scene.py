@@ -294,10 +294,10 @@ def joins_unlike_rows(view: View, found: Scene) -> bool:
     return _roughness(found.line, found.bearing, flat) > _UNLIKE
 
 
-def gap_of(line: IntArray, bearing: FloatArray) -> float:
-    """Bearing between samples of one curve that nine in ten gaps stay below, degrees."""
+def gap_of(line: IntArray, bearing: FloatArray, share: float = 0.9) -> float:
+    """Bearing between samples of one curve that a share of the gaps stay below, degrees."""
     _, gaps = _gaps(line, bearing)
-    return float(np.quantile(gaps, 0.9)) if gaps.size else np.inf
+    return float(np.quantile(gaps, share)) if gaps.size else np.inf
 
 
 def gaps_of(line: IntArray, bearing: FloatArray) -> FloatArray:

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.effects_bench import bench_of
 from arl_fixtures.reconcile.effects_common import FloatArray, distances, per_table, per_view, pure_rows
+from arl_fixtures.reconcile.effects_filled import footprint_share
 from arl_fixtures.reconcile.effects_illumination import turns_round
-from arl_fixtures.reconcile.effects_pointing import footprint_share
 from arl_fixtures.reconcile.effects_rings import beside_in_rings
+from arl_fixtures.reconcile.effects_scene import pixel_width
 from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
@@ -25,6 +26,10 @@ _JUMP, _JUMP_GAPS = 0.05, 8.0
 """Share of the range, and usual differences of neighbours, by which ranges jump from one surface to another."""
 _LOOKED_AT, _APART, _BETWEEN = 20_000, 0.02, 0.02
 _MOST_SURFACES, _MOST_KINDRED = 6, 24
+_BESIDE = 1.5
+"""Pixels' widths within which two rays look beside each other."""
+_MOST = 0.5
+"""Share of rows that have a neighbour in their image, from which no other image is asked."""
 TOGETHER = " + "
 """Joins the names of surfaces that a variant changes together."""
 
@@ -88,11 +93,25 @@ def _beside(view: View) -> list[IntArray]:
             return beside_in_rings(view)
         if view.varies("pixel_u") or view.varies("pixel_v"):
             found += [view.neighbour_place(du=du, dv=dv) for du, dv in ((-1, 0), (1, 0), (0, -1), (0, 1))]
-        if view.varies("stage_angle_deg"):
+        close = [place >= 0 for place in found]
+        if view.varies("stage_angle_deg") and not (_most_have(close) and stops_far_apart(view)):
             found += [view.sweep_place(steps) for steps in (-1, 1)]
         return beside_in_rings(view) if not found and view.varies("azimuth_deg") else found
 
     return per_view(view, "beside", find)
+
+
+def _most_have(close: list[BoolArray]) -> bool:
+    """Whether most rows have another one on some side."""
+    return bool(close) and float(np.mean(np.any(close, axis=0))) > _MOST
+
+
+def stops_far_apart(view: View) -> bool:
+    """Whether a stage takes a pixel past its neighbours from one stop to the next: what it sees lies elsewhere."""
+    if not (view.varies("azimuth_deg") and view.varies("pixel_u")):
+        return False
+    wide = per_table(view, "pixel's width", lambda: float(np.median(pixel_width(view))))
+    return bool(view.columns.sweep_gap_deg > _BESIDE * wide)
 
 
 def light_share(view: View, channel: str, surface: str) -> FloatArray:

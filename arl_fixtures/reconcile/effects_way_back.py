@@ -158,6 +158,19 @@ def _logged_before(view: View) -> FloatArray:
     return np.full(view.columns.n, np.nan)
 
 
+def _over_holes(view: View) -> FloatArray:
+    """Way back to the position before where the sweep itself lacks it: by the time that passed; else zero, (n,)."""
+    table = view.columns
+    order, stay, first = stays(view)
+    took, angle = _between(view, first), table.numbers["stage_angle_deg"][first]
+    usual = took[np.isfinite(took)]
+    steps = np.rint(took / float(np.median(usual))) if usual.size else np.zeros(len(first))
+    lacks = (steps > 1.0) & (steps <= _MOST_LACKING)
+    back = np.zeros(table.n)
+    back[order] = np.where(lacks, (np.roll(angle, 1) - angle) / np.where(lacks, steps, 1.0), 0.0)[stay]
+    return back
+
+
 def missing_before(view: View) -> FloatArray:
     """Way back to the stage position before, degrees, where the table lacks what the same ray saw there; else zero.
 
@@ -180,6 +193,7 @@ def missing_before(view: View) -> FloatArray:
         if not np.isfinite(told).any():
             told = way_back(view, longest_s(view)).back_deg[view.rows]
         told = np.nan_to_num(told)
+        guessed = np.where(guessed == 0.0, _over_holes(view)[view.rows], guessed)
         own = view.take_number("stage_angle_deg", view.acquired_place(1)) - angle
         return np.asarray(np.where(told == 0.0, guessed, np.where(np.abs(own - told) <= SAME_DEG, 0.0, told)))
 

@@ -61,6 +61,8 @@ def noise_quantities(view: View, use: IntArray) -> list[FloatArray]:
     quantities = [view.sim[name][use] for name in means]
     if view.has("true_range_m"):
         quantities.append(view.number("true_range_m")[use])
+    if view.is_category("mixed"):  # what sees two surfaces ranges them by chance
+        quantities.append(view.selects("mixed", "true")[use].astype(float))
     return quantities
 
 
