@@ -29,7 +29,6 @@ _CONTRAST = 0.05
 """Difference of both surfaces' light, in units of a row's own, from which light tells shares."""
 _BLUR = 0.15
 """Standard deviation of a border's image, pixels: between that of sharp rays over a pixel's area and a lens's."""
-
 _STEEP = 0.5
 """Change of a share over two pixels from which it tells which way a border runs."""
 
@@ -42,23 +41,27 @@ class ImageBorders:
         borders: of the pixels that see two surfaces.
         alone: pixels that see one surface, and have neighbours.
         slopes: of ln light and of range along their surface for a degree of turn and of lift, (n, 2) each.
+        wide: degrees from a pixel to the next along each axis, infinite where rays do not tell it.
     """
 
     borders: Borders
     alone: NDArray[np.bool_]
     slopes: dict[str, FloatArray]
+    wide: FloatArray
 
     def changes(
         self, view: View, turn: FloatArray | float, lift: FloatArray | float, told: dict[str, FloatArray]
     ) -> dict[str, FloatArray]:
-        """The changes that curves tell, but where these images tell more."""
-        rows, of_borders, changes = view.rows, self.borders.changes(view, turn, lift), dict(told)
+        """The changes that curves tell, but where these images tell more: a pixel beyond, that is what lies there."""
+        rows, of_borders, changes = view.rows, self.borders.changes(view, turn, lift), {}
         known, alone = self.borders.known[rows], self.alone[rows]
+        nearby = np.clip(2.0 - 2.0 * np.hypot(turn / self.wide[0], lift / self.wide[1]), 0.0, 1.0)
         for name, change in told.items():
-            along = self.slopes[name][rows, 0] * turn + self.slopes[name][rows, 1] * lift
+            along = nearby * (self.slopes[name][rows, 0] * turn + self.slopes[name][rows, 1] * lift)
             on_surface = along if name in distances(view) else np.exp(along)
             mixed = of_borders.get(name, change)
-            changes[name] = np.where(known & np.isfinite(mixed), mixed, np.where(alone, on_surface, change))
+            here = np.where(known & np.isfinite(mixed), mixed, np.where(alone, on_surface, change))
+            changes[name] = np.where(np.isfinite(change), here + (1.0 - nearby) * (change - here), here)
         return changes
 
 
@@ -72,24 +75,25 @@ def borders_in_images(view: View) -> ImageBorders | None:
     own, other = ({n: np.exp(flat[n][side] - flat[n]) for n in signals(view)} for side in (sides.own, sides.other))
     part = sides.part(view, channel)
     part[(sides.own < 0) | (sides.other < 0) | (np.abs(own[channel] - other[channel]) < _CONTRAST)] = np.nan
-    across = _across(view, sides, part)
+    wide = np.array([_degrees_for(view, column, angle) for column, angle, _ in _AXES])
+    across = _across(view, sides, part, wide)
     known = np.isfinite(part) & np.any(across != 0.0, axis=1)
     if not known.any():
         return None
     fars = [{n: flat[n][side] / flat[n] for n in pulled_channels(view)} for side in (sides.own, sides.other)]
     borders = Borders(known, across, 1.0 - np.nan_to_num(part), own, other, *fars)
-    return ImageBorders(borders, *_along_surfaces(view, flat))
+    return ImageBorders(borders, *_along_surfaces(view, flat, wide), wide)
 
 
-def _across(view: View, sides: Sides, part: FloatArray) -> FloatArray:
+def _across(view: View, sides: Sides, part: FloatArray, wide: FloatArray) -> FloatArray:
     """By which share more its own surface fills a pixel for a degree of turn and of lift, (n, 2).
 
     Args:
         view: of a table; sides: of its rows; part: that the other surface fills, NaN where it is not told.
+        wide: degrees from a pixel to the next, along each axis.
     """
-    grown, wide, share = np.zeros((view.n, 2)), np.full(2, np.inf), 2.0 * (1.0 - part)
-    for k, (column, angle, (du, dv)) in enumerate(_AXES):
-        wide[k] = _degrees_for(view, column, angle) or np.inf
+    grown, share = np.zeros((view.n, 2)), 2.0 * (1.0 - part)
+    for k, (*_, (du, dv)) in enumerate(_AXES):
         ahead, back = (_own_share(view, sides, part, view.neighbour_place(du=w * du, dv=w * dv)) for w in (1, -1))
         after = np.where(np.isnan(ahead), share - back, ahead)  # at an image's end as on the other side
         before = np.where(np.isnan(back), share - ahead, back)
@@ -106,14 +110,13 @@ def _own_share(view: View, sides: Sides, part: FloatArray, place: IntArray) -> F
     return np.where(place < 0, np.nan, np.where(pure[place], own.astype(float), mixed))
 
 
-def _along_surfaces(view: View, flat: dict[str, FloatArray]) -> tuple[NDArray[np.bool_], dict[str, FloatArray]]:
+def _along_surfaces(
+    view: View, flat: dict[str, FloatArray], wide: FloatArray
+) -> tuple[NDArray[np.bool_], dict[str, FloatArray]]:
     """Pixels that see one surface; and what grows along it beside each, (n, 2) per degree."""
     codes, pure = view.columns.categories["surface"][0], pure_rows(view)
     told, slopes = np.zeros(view.n, dtype=bool), {name: np.zeros((view.n, 2)) for name in flat}
-    for k, (column, angle, (du, dv)) in enumerate(_AXES):
-        wide = _degrees_for(view, column, angle)
-        if wide == 0.0:
-            continue
+    for k, (*_, (du, dv)) in enumerate(_AXES):
         places = [view.neighbour_place(du=way * du, dv=way * dv) for way in (1, -1)]
         alike = [(place >= 0) & pure[place] & (codes[place] == codes) for place in places]
         told |= (places[0] >= 0) | (places[1] >= 0)
@@ -123,17 +126,17 @@ def _along_surfaces(view: View, flat: dict[str, FloatArray]) -> tuple[NDArray[np
                 for way, like, place in zip((1.0, -1.0), alike, places, strict=True)
             )
             one = np.where(np.isfinite(ahead), ahead, back)
-            slopes[name][:, k] = np.nan_to_num(np.where(alike[0] & alike[1], 0.5 * (ahead + back), one)) / wide
+            slopes[name][:, k] = np.nan_to_num(np.where(alike[0] & alike[1], 0.5 * (ahead + back), one)) / wide[k]
     return pure & told, slopes
 
 
 def _degrees_for(view: View, column: str, angle: str) -> float:
-    """Angle from one pixel to the next, degrees, signed; 0 where rays do not tell it."""
+    """Angle from one pixel to the next, degrees, signed; infinite where rays do not tell it."""
     if not (view.varies(column) and view.varies(angle)):
-        return 0.0
+        return np.inf
     at, to = view.number(column), ray_column(view, angle)
     good = np.isfinite(at) & np.isfinite(to)
-    return float(np.polyfit(at[good], to[good], 1)[0])
+    return float(np.polyfit(at[good], to[good], 1)[0]) or np.inf
 
 
 def _flat(view: View, name: str) -> FloatArray:

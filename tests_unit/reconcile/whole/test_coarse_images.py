@@ -4,8 +4,10 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from arl_fixtures.reconcile.effects_image_borders import borders_in_images
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.table import columns_of
+from arl_fixtures.reconcile.view import View
 
 COLUMNS, ROWS, PITCH_DEG, SUB = 12, 10, 4.5, 60
 WALL = (6.5, 0.35)
@@ -66,3 +68,15 @@ def test_a_lens_that_stretches_shows_at_the_borders_of_wide_pixels(drift, seed):
     assert first.effect == "optics.focal_drift"
     (said,) = (p.value for p in first.parameters if p.name == "drift")
     assert said == pytest.approx(drift, rel=0.25)
+
+
+def test_what_lies_pixels_away_is_what_curves_tell():
+    """How a pixel is filled tells of what it sees next to it, and not of what lies beyond."""
+    view = View(drifting(0.0, 5))
+    told = {name: np.full(view.n, 7.0) for name in ("intensity_counts", "distance_m")}
+    images = borders_in_images(view)
+    near, far = (images.changes(view, turn, 0.0, told) for turn in (0.1 * PITCH_DEG, 1.5 * PITCH_DEG))
+    mixed = view.selects("mixed", "true")
+    assert np.mean(near["distance_m"][mixed] != 7.0) > 0.7
+    assert np.all(near["intensity_counts"][~mixed] == pytest.approx(1.0, abs=0.05))
+    assert all(np.allclose(far[name], told[name]) for name in told)
