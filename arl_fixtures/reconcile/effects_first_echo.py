@@ -23,6 +23,8 @@ _LIT, _MIXED_LIGHT, _MIXED_RANGE = 0.2, 0.15, 0.05
 """Share by which light differs across a border at least, and how far from both sides what a pixel mixes lies."""
 _FEWEST, _MOST_MIXED = 12, 0.1
 """Mixed pixels that tell, and the share of them at most whose range lies in between."""
+_WHOLE = 0.5
+"""Share of rows that have a pixel on either side where images are whole."""
 _STEEPEST = 6.0
 """Tangent of the largest incidence at which a surface is still seen as one: by so much its range grows per radian."""
 _NEAR = 0.5
@@ -54,7 +56,7 @@ def _ranges_first_echo(view: View) -> bool:
 
 
 def _looked_at(view: View) -> bool:
-    if not (view.varies("stage_angle_deg") and signals(view) and distances(view)) or stops_far_apart(view):
+    if not (view.varies("stage_angle_deg") and signals(view) and distances(view)):
         return False
     light, far = _around(view, next(iter(signals(view)))), _around(view, distances(view)[0])
     with np.errstate(invalid="ignore"):
@@ -73,7 +75,15 @@ def _lies_between(around: FloatArray, margin: float) -> BoolArray:
 
 
 def _around(view: View, channel: str) -> FloatArray:
-    """The simulation one stop before, here, and one stop further, (3, n); NaN where there is none."""
+    """The simulation on one side, here, and on the other, (3, n); NaN where there is none.
+
+    At the stops before and after, or in images that are whole, of stops that lie pixels apart, at the next pixels.
+    """
     simulated = view.columns.numbers[f"sim_{channel}"]
-    places = np.stack([view.sweep_place(-1), view.rows, view.sweep_place(1)])
+    sides = [view.sweep_place(-1), view.sweep_place(1)]
+    if stops_far_apart(view):
+        pixels = [view.neighbour_place(du=du, dv=0) for du in (-1, 1)]
+        if np.mean(np.min(pixels, axis=0) >= 0) > _WHOLE:
+            sides = pixels
+    places = np.stack([sides[0], view.rows, sides[1]])
     return np.where(places >= 0, simulated[places], np.nan)
