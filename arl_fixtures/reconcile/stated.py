@@ -8,7 +8,7 @@ from scipy.special import gammaln
 from scipy.stats import binom
 
 from arl_fixtures.reconcile.columns import Channel, FloatArray
-from arl_fixtures.reconcile.effects_common import per_view
+from arl_fixtures.reconcile.effects_common import per_table
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
 
@@ -58,12 +58,12 @@ def frames_of_share(view: View, channel: Channel) -> FloatArray | None:
     def count() -> int | None:
         columns = (view.columns.numbers[name] for name in (channel.name, f"sim_{channel.name}"))
         told, simulated = (np.unique(x[np.isfinite(x)]) for x in columns)
-        if len(told) < 2 or len(simulated) < 2:
+        if not 2 <= len(told) <= MOST_FRAMES + 1 or len(simulated) < 2:  # n frames have n + 1 shares
             return None
         whole = (n for n in range(1, MOST_FRAMES + 1) if np.all(np.abs(told * n - np.round(told * n)) < WHOLE))
         return next(whole, None)
 
-    found = per_view(view, ("frames of", channel.name), count)
+    found = per_table(view, ("frames of", channel.name), count)
     return None if found is None else np.full(view.n, float(found))
 
 

@@ -5,6 +5,7 @@ import pyarrow as pa
 import pytest
 
 from arl_fixtures.reconcile.effects_first_echo import held_at_first_echoes
+from arl_fixtures.reconcile.grouping import typical_gaps
 from arl_fixtures.reconcile.table import columns_of
 from arl_fixtures.reconcile.view import View
 
@@ -33,7 +34,7 @@ def stripes(pixels, first):
 @pytest.mark.parametrize("first", [True, False])
 def test_ranges_stay_where_first_echoes_are_ranged(pixels, first):
     columns = stripes(pixels, first)
-    columns.sweep_gap_deg = 3.4
+    columns.sweep_gap_deg, columns.frame_gap_s = typical_gaps(columns)
     view = View(columns)
     jump = {"distance_m": np.full(view.n, 0.5), "intensity_counts": np.full(view.n, 1.1)}
     held = held_at_first_echoes(view, jump, 0.1)
