@@ -18,6 +18,7 @@ from scipy.signal import lfilter
 
 from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.effects_common import is_of_bench, per_table, per_view
+from arl_fixtures.reconcile.effects_history_turns import with_turns
 from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]
@@ -122,11 +123,25 @@ def history(view: View, column: str, jump: float | None = None) -> History | Non
         ticks = np.arange(clock.length, dtype=float)
         for index, (place, reading) in enumerate(readings):
             if place.size:
+                place, reading = with_turns(place, reading, _steps_at(clock, view.columns, index, place))
                 knots = (place, reading) if jump is None else _with_jumps(place, reading, jump)
                 grid[index] = np.interp(ticks, *knots)
         return History(values=grid, interval=clock.interval, unit=clock.unit, start=clock.start)
 
     return per_table(view, ("history", column, jump), make)
+
+
+def _steps_at(clock: _Clock, table: Columns, index: int, place: FloatArray) -> FloatArray | None:
+    """Number of the step at some places of a group's record; None where the table has no steps."""
+    step = table.numbers.get("step")
+    if step is None:
+        return None
+    own = (clock.group == index) & np.isfinite(step) & np.isfinite(clock.place)
+    if not own.any():
+        return None
+    order = np.argsort(clock.place[own], kind="stable")
+    steps: FloatArray = np.interp(place, clock.place[own][order], step[own][order])
+    return steps
 
 
 SOAK_FROM = 0.2
