@@ -91,17 +91,18 @@ def is_as_good(ranked: Ranked, best: Ranked) -> bool:
     return share * (best.gain - ranked.gain) < TWIN_GAIN
 
 
-def simplest(ranked: Ranked) -> tuple[bool, int, bool, int, int, float, str]:
+def simplest(ranked: Ranked) -> tuple[bool, int, bool, bool, int, int, float, str]:
     """Order of candidates that explain as much: what asks few numbers, no pattern of pixels, then few columns.
 
-    A law of pixels beside which one that is the same in all of them says as much has shown no pattern. Equal ones
-    stand in the order of their names, not of rounding errors.
+    A law of pixels beside which one that is the same in all of them says as much has shown no pattern. What bears its
+    name in a wider sense (`Variant.wider`) comes after what bears its own. Equal ones stand in the order of their
+    names, not of rounding errors.
     """
     term, gain = ranked.candidate.term, ranked.gain
     drivers = len(term.variant.drivers)
     return (
-        drives_another_part(term), ranked.candidate.free, bool(PIXEL_COLUMNS & set(term.variant.drivers)),
-        -round(gain), drivers, -round(gain, 1), term.effect.id,
+        drives_another_part(term), ranked.candidate.free, term.variant.wider,
+        bool(PIXEL_COLUMNS & set(term.variant.drivers)), -round(gain), drivers, -round(gain, 1), term.effect.id,
     )  # fmt: skip
 
 

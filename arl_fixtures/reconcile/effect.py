@@ -147,6 +147,8 @@ class Variant:
         where: region that is already known from the options, e.g. `{"surface": ["stripe_18"]}`.
         rough: whether the corrected simulation jumps with the amplitudes (a scene sampled by sharp rays); they are
             then found by finite trials instead of derivatives.
+        wider: whether the effect's id stands for this only in a wider sense: of two that say the same the other comes
+            first.
     """
 
     effect: str
@@ -156,6 +158,7 @@ class Variant:
     options: Mapping[str, Option] = field(default_factory=dict)
     where: Mapping[str, list[str] | list[float]] = field(default_factory=dict)
     rough: bool = False
+    wider: bool = False
 
     @property
     def label(self) -> str:

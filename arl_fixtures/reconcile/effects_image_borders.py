@@ -14,11 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from arl_fixtures.reconcile.effects_beyond import Sides, grows, sides_of
+from arl_fixtures.reconcile.effects_beyond import grows
 from arl_fixtures.reconcile.effects_common import FloatArray, distances, pure_rows, signals
 from arl_fixtures.reconcile.effects_illumination import log_profile, ray_column
+from arl_fixtures.reconcile.effects_pulled import pulled_channels
 from arl_fixtures.reconcile.effects_room_borders import Borders
-from arl_fixtures.reconcile.effects_surface import pulled_channels
+from arl_fixtures.reconcile.effects_sides import Sides, part_of, sides_of
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
 
@@ -73,7 +74,7 @@ def borders_in_images(view: View) -> ImageBorders | None:
         return None
     flat = {name: _flat(view, name) for name in (*signals(view), *distances(view))}
     own, other = ({n: np.exp(flat[n][side] - flat[n]) for n in signals(view)} for side in (sides.own, sides.other))
-    part = sides.part(view, channel)
+    part = part_of(sides, view, channel, pulled_channels(view))
     part[(sides.own < 0) | (sides.other < 0) | (np.abs(own[channel] - other[channel]) < _CONTRAST)] = np.nan
     wide = np.array([_degrees_for(view, column, angle) for column, angle, _ in _AXES])
     across = _across(view, sides, part, wide)

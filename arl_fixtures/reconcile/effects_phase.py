@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effect import State
-from arl_fixtures.reconcile.effects_beyond import OFF, sides_of
 from arl_fixtures.reconcile.effects_common import FloatArray
+from arl_fixtures.reconcile.effects_sides import OFF, sides_of
 from arl_fixtures.reconcile.view import View
 
 ComplexArray = NDArray[np.complex128]

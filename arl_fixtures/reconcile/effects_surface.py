@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import re
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.effects_bench import bench_of
 from arl_fixtures.reconcile.effects_common import FloatArray, distances, per_table, per_view, pure_rows
 from arl_fixtures.reconcile.effects_filled import footprint_share
@@ -24,7 +22,6 @@ BoolArray = NDArray[np.bool_]
 _LEAST_SHARE = 0.005
 _JUMP, _JUMP_GAPS = 0.05, 8.0
 """Share of the range, and usual differences of neighbours, by which ranges jump from one surface to another."""
-_LOOKED_AT, _APART, _BETWEEN = 20_000, 0.02, 0.02
 _MOST_SURFACES, _MOST_KINDRED = 6, 24
 _BESIDE = 1.5
 """Pixels' widths within which two rays look beside each other."""
@@ -125,7 +122,7 @@ def light_share(view: View, channel: str, surface: str) -> FloatArray:
     def make() -> FloatArray:
         share = view.selects("surface", surface).astype(float)
         mixed = np.flatnonzero(mixed_rows(view))
-        if mixed.size == 0 or not _is_seen(view, surface):
+        if mixed.size == 0 or not is_seen(view, surface):
             return share
         share[mixed] = _share_by_bearing(view, channel, surface, mixed)
         return share
@@ -133,7 +130,7 @@ def light_share(view: View, channel: str, surface: str) -> FloatArray:
     return per_view(view, ("light share", channel, surface), make)
 
 
-def _is_seen(view: View, surface: str) -> bool:
+def is_seen(view: View, surface: str) -> bool:
     """Whether the table has the surface at all: rows to predict may lie on others only."""
     return surface in view.columns.categories["surface"][1]
 
@@ -261,60 +258,3 @@ def at_centre(view: View, name: str) -> FloatArray:
         return view.number("true_range_m") * per_metre(unit_of(name))
     best = _furthest(view, name, beyond_border(view, name), OWN)
     return np.where(np.isfinite(best), best, view.number(f"sim_{name}"))
-
-
-def pulled_channels(view: View) -> tuple[str, ...]:
-    """Distances that move when one of two surfaces in a pixel gets brighter."""
-    return tuple(name for name in distances(view) if _mixes_ranges(view, name)) if view.labels("surface") else ()
-
-
-def pull_ranges(view: View, state: State, channel: str, surface: str, factor: FloatArray) -> None:
-    """Move the distance of pixels that see two surfaces towards the one whose light was multiplied.
-
-    A distance that is the mean by light moves by (1 − 1/F) of the way to that surface, F being the change of the
-    pixel's whole light. Only where the simulation's own distance lies between the surfaces: another reports the range
-    of the middle ray, which no light moves.
-
-    Args:
-        view: rows under work.
-        state: its distances are replaced.
-        channel: signal that was multiplied; surface: whose light.
-        factor: of the signal on every row.
-    """
-    for name in pulled_channels(view) if _is_seen(view, surface) else ():
-        at, there = per_view(view, ("pulled", channel, surface, name), partial(_pulled, view, channel, surface, name))
-        if at.size:
-            moved = state[name].copy()
-            moved[at] += (1.0 - 1.0 / np.maximum(factor[at], 1e-3)) * (there - moved[at])
-            state[name] = moved
-
-
-def _pulled(view: View, channel: str, surface: str, name: str) -> tuple[IntArray, FloatArray]:
-    """Rows that see a surface and another, and the range of the surface there."""
-    share, own = light_share(view, channel, surface), view.selects("surface", surface)
-    index = view.columns.categories["surface"][1].index(surface)
-    column = "true_range_m" if "true_range_m" in view.columns.numbers else f"sim_{name}"
-    unit = per_metre(unit_of(name)) if column == "true_range_m" else 1.0
-    there = np.where(own, at_centre(view, name), np.nan)
-    for codes, values in neighbours(view, column):
-        there = np.where(np.isnan(there) & (codes == index), unit * values, there)
-    at = np.flatnonzero(mixed_rows(view) & (share > 0.0) & np.isfinite(there))
-    return at, there[at]
-
-
-def _mixes_ranges(view: View, name: str) -> bool:
-    """Whether the simulated distance of mixed pixels lies between those of their surfaces."""
-
-    def look() -> bool:
-        whole = View(view.columns)
-        mixed = np.flatnonzero(mixed_rows(whole))[:_LOOKED_AT]
-        if mixed.size == 0:
-            return False
-        centre, beyond, own = (
-            x[mixed] for x in (at_centre(whole, name), beyond_border(whole, name), whole.number(f"sim_{name}"))
-        )
-        apart = np.abs(beyond - centre) > _APART * np.abs(centre)
-        off = np.abs(own - centre)[apart] > _BETWEEN * np.abs(beyond - centre)[apart]
-        return bool(off.size and np.mean(off) > 0.2)
-
-    return per_table(view, ("mixes ranges", name), look)

@@ -43,6 +43,7 @@ from arl_fixtures.reconcile.law_crossed import crossed_of
 from arl_fixtures.reconcile.law_lean import leant_of
 from arl_fixtures.reconcile.law_peaks import peaks_of
 from arl_fixtures.reconcile.law_pixels import drifts_of
+from arl_fixtures.reconcile.law_saws import best_saw
 from arl_fixtures.reconcile.law_turned import turned_of
 from arl_fixtures.reconcile.law_waves import best_moving_rings, best_pair_wave, best_rings, best_wave
 from arl_fixtures.reconcile.law_work import Candidate, Work
@@ -58,6 +59,8 @@ MOST_WAVES, GROWING = 4, frozenset({"linear", "ratio", "log", "inverse", "above"
 MOST_MARKS, MOST_REFINED, FEW_SETTINGS = 20, 10, 4
 UNSHIFTED = frozenset({"is", "ratio", "step", "band", "peak", "above", "below", "parity", "one"})
 """Functions whose zero means something."""
+PRICE_FALL = 4.0
+"""Further price of a ramp that falls back: of where it falls, and of how long it is, there are many to try."""
 ALIKE = 0.98
 """Correlation from which two columns are one for the search of pairs."""
 
@@ -102,6 +105,9 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
                 if wave.turns * np.ptp(values[np.isfinite(values)]) >= FEWEST_TURNS:
                     phase, more = folded(name, wave.turns), PRICE_TWO + 2.0 + extra + wave.price
                     bases.append(Basis(axes=(phase,), prior=np.eye(phase.count), price=more))
+                saw = best_saw(work, name, wave.turns)
+                if saw:
+                    bases.append(Basis(axes=(saw,), price=PRICE_TWO + PRICE_FALL + extra + wave.price))
             for rings in (PLATE, GAP) if name == FIELD_COLUMNS[0] and in_degrees(view) else ():
                 best = best_rings(work, name, rings)
                 if best:
@@ -110,7 +116,7 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
         ratios = [b for b in bases if _is_ratio(b)]  # alone it is a line
         made = pool.add(b for b in bases if not _is_ratio(b))
         ranked[name] = max((item.gain for item in made), default=0.0)
-        plain = [m for m in made if m.basis.prior is None and not m.basis.waves]
+        plain = [m for m in made if m.basis.prior is None and not m.basis.waves and not _falls(m.basis)]
         straight = [m for m in plain if m.basis.axes[0].kind == "linear"]
         plain += [replace(line, basis=ratio) for line, ratio in zip(straight, ratios, strict=False)]
         simple[name] = sorted(plain, key=lambda m: -m.gain)
@@ -143,6 +149,11 @@ def pool_of(work: Work, looker: Looker, leading: Sequence[str]) -> Candidates:
     pool.add(_growing(work, names, simple, pool.items))
     pool.add(_refined(work, marks, pool.items))
     return pool
+
+
+def _falls(basis: Basis) -> bool:
+    """Whether a basis is a ramp that falls back: found by many looks, it is no plain factor of a product."""
+    return basis.axes[0].kind == "saw"
 
 
 def _is_ratio(basis: Basis) -> bool:

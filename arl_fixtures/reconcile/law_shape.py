@@ -14,6 +14,7 @@ from arl_fixtures.reconcile.law_candidates import Candidates
 from arl_fixtures.reconcile.law_fit import Chosen, joint
 from arl_fixtures.reconcile.law_lean import refined_lean
 from arl_fixtures.reconcile.law_peaks import refined_peak
+from arl_fixtures.reconcile.law_saws import FALLS, saws_about
 from arl_fixtures.reconcile.law_work import Work
 
 PLACES = tuple(np.linspace(0.04, 0.96, 24))
@@ -23,9 +24,6 @@ LEAST_BETTER = 1.0
 """Log-likelihood on unseen blocks by which another place must do better than the one of the grid."""
 TURNS = (tuple(np.linspace(-0.125, 0.125, 11)), tuple(np.linspace(-0.02, 0.02, 9)))
 """Turns over a column's span by which a wave is made shorter or longer: the grid's spacing, then a part of it."""
-FALLS = (1.0, 0.1, 0.02)
-"""Parts of a period within which a ramp over it may fall back, and halves of turns over the column's span by which
-that is made shorter or longer: looked at ever finer."""
 LONGER = 0.5
 """Log-likelihood by which another length must fit better: what lies within an error keeps the grid's."""
 
@@ -35,9 +33,9 @@ def sharpened(work: Work, chosen: Chosen) -> Chosen:
     for place, term in enumerate(chosen.terms):
         for column, period in _periods(term.basis):
             chosen = _tuned(work, chosen, place, column, period)
+        chosen = _sawn(work, chosen, place)
         if term.basis.waves:
             continue
-        chosen = _sawn(work, chosen, place)
         for number, axis in enumerate(term.basis.axes):
             if axis.kind not in KINKED and axis.kind != "peak" and not axis.beside:
                 continue
@@ -52,28 +50,22 @@ def sharpened(work: Work, chosen: Chosen) -> Chosen:
 
 
 def _sawn(work: Work, chosen: Chosen, place: int) -> Chosen:
-    """A law with a ramp that falls back once a period, in the place of a table over it, where that says as much.
-
-    A laser that jumps to its next mode, a phase that wraps, an interpolator that restarts: a table's bins blur it.
-    """
+    """A law with a ramp that falls back once a period, for a table, a wave or a ramp, where that says as much."""
     term = chosen.terms[place]
-    number = next((k for k, axis in enumerate(term.basis.axes) if axis.is_open and _swings(axis)), None)
-    if number is None:
+    swinging = _swinging(term.basis)
+    if swinging is None:
         return chosen
-    axis = term.basis.axes[number]
+    axis, basis, number = swinging
     values = work.features[axis.column]
     span = float(np.nanmax(values) - np.nanmin(values))
     if span < FEWEST_TURNS * axis.at:
         return chosen
     left = joint(work, [t for k, t in enumerate(chosen.terms) if k != place]).left
-    middle = float(np.nanmean(values))  # from where a fall hardly moves as the period does
-    turns, fall, best = span / axis.at, middle, term
-    for reach in FALLS:
-        saws = [
-            replace(term.basis.with_axis(number, _saw(axis.column, span / more, at)), prior=None)
-            for more in turns + np.linspace(-1.0, 1.0, 9) * 0.5 * reach
-            for at in fall + np.linspace(-0.5, 0.5, 17) * reach * axis.at
-        ]  # fmt: skip
+    is_saw = axis.kind == "saw"
+    # from the middle a fall hardly moves as the period does
+    turns, fall, best = span / axis.at, axis.middle if is_saw else float(np.nanmean(values)), term
+    for reach in FALLS[1:] if is_saw else FALLS:
+        saws = [basis.with_axis(number, saw) for saw in saws_about(axis.column, span, turns, fall, reach)]
         best = max(Candidates(work, left).add(saws), key=lambda item: item.gain)
         found = best.basis.axes[number]
         turns, fall = span / found.at, found.middle
@@ -81,8 +73,21 @@ def _sawn(work: Work, chosen: Chosen, place: int) -> Chosen:
     return trial if best.gain > term.gain and trial.held > chosen.held - LEAST_BETTER else chosen
 
 
-def _saw(column: str, period: float, fall: float) -> Axis:
-    return Axis(column=column, kind="saw", at=period, middle=fall)
+def _swinging(basis: Basis) -> tuple[Axis, Basis, int] | None:
+    """What swings in a basis: its axis, the basis with one function over that, and where it stands there."""
+    if not basis.waves:
+        found = (k for k, a in enumerate(basis.axes) if a.kind == "saw" or (a.is_open and _swings(a)))
+        number = next(found, None)
+        return None if number is None else (basis.axes[number], replace(basis, prior=None), number)
+    first = basis.waves[0]
+    places = [k for k, axis in enumerate(first) if axis.kind in {"sin", "cos"}]
+    if len(places) != 1 or len(basis.waves) != 2 or not _swings(first[places[0]]):
+        return None  # rings that move, or harmonics
+    axis = first[places[0]]
+    rest = tuple(a for a in first if a is not axis)
+    if any(tuple(a for a in product if a.kind not in {"sin", "cos"}) != rest for product in basis.waves):
+        return None
+    return axis, replace(basis, axes=(axis, *rest), waves=()), 0
 
 
 def _others(work: Work, left: FloatArray, basis: Basis, number: int) -> Iterator[Basis]:

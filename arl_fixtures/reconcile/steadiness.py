@@ -42,26 +42,33 @@ OVERSHADOWING = 1e4
 """Squares by which others change a channel more than a name does, from which a hundredth of theirs is all of it."""
 FEWEST_IMAGES = 12
 """Images beyond one in each bin from which their own scatter is known."""
+STAYS, AGAIN = 0.8, 0.5
+"""Share of a change's variance that what rays see must tell where it stays, and most places a row for that."""
 CALM, LEAST_CALM = 0.02, 0.25
 """Part of the most that weather or edges change up to which a row is free of them, and share of rows that must be."""
 
 
 def is_asked(term: Term) -> bool:
-    """Whether `is_unsteady` asks a term at all."""
-    return not (term.variant.rough or (term.effect.displaces and not term.effect.mixes))
+    """Whether `is_unsteady` asks a term whatever the table; of what only displaces rays it asks what stays."""
+    return not (term.variant.rough or _displaces(term))
+
+
+def _displaces(term: Term) -> bool:
+    return term.effect.displaces and not term.effect.mixes
 
 
 def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
     """Whether the strength of one of the terms moves by much with a column.
 
-    What displaces rays is left out: at edges its change is as rough as its errors are. What mixes a pixel with its
-    neighbours is as rough, but the same whenever the pixel sees the same: it is asked for what changes meanwhile;
-    and so is what happens in pixels that see two surfaces, as no column tells where in a pixel the edge lies, and
-    what comes from pixels of which the table holds few: others stand for them.
+    What mixes a pixel with its neighbours changes edges as roughly as its errors are, but by the same whenever the
+    pixel sees the same: it is asked for what changes meanwhile; and so is what happens in pixels that see two
+    surfaces, as no column tells where in a pixel the edge lies, and what comes from pixels of which the table holds
+    few: others stand for them. Of what displaces rays only what stays where it is is asked, and so: as it grows,
+    other edges come in.
     What a strong name's law leaves along its own drivers is not held against another: it is asked within cells of
     these.
     """
-    if not is_asked(term):
+    if term.variant.rough:
         return False
     problem = looker.problem
     in_pixels = term.effect.displaces or term.effect.at_borders or (term.effect.mixes and _is_sparse(problem))
@@ -76,6 +83,8 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
     if term.fields:  # beside a scatter of pixels next to nothing is left of what pixels differ by
         acting = [replace(d, tau={**d.tau, "pixel": 0.0}) for d in acting]
     change = [d.whiten(d.expect * (full[d.channel.name] - rest[d.channel.name])[d.use]) for d in acting]
+    if _displaces(term) and not _stays(change, acting, place):
+        return False
     clear = [not _overshadowed(d, c, rest, problem) for d, c in zip(acting, change, strict=True)]
     if any(clear):
         acting, change = list(compress(acting, clear)), list(compress(change, clear))
@@ -94,6 +103,15 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
             change = [within_cells(c, cell[d.use]) for c, d in zip(change, acting, strict=True)]
             left = [within_cells(x, cell[d.use]) for x, d in zip(left, acting, strict=True)]
     return _moves(looker, term, acting, change, left, place)
+
+
+def _stays(change: Sequence[FloatArray], acting: Sequence[ChannelData], place: IntArray | None) -> bool:
+    """Whether a change is the same whenever a ray sees the same, and rays see it more than once."""
+    if place is None:
+        return False
+    told = [_told_by(place[d.use], c) for c, d in zip(change, acting, strict=True)]
+    again = all(np.unique(place[d.use]).size < AGAIN * d.use.size for d in acting)
+    return again and min(told) > STAYS
 
 
 def _is_sparse(problem: Problem) -> bool:

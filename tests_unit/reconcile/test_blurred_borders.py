@@ -5,7 +5,8 @@ import pytest
 from rendered_bench import make_columns
 
 from arl_fixtures.reconcile.catalogue import library
-from arl_fixtures.reconcile.effects_beyond import sides_of
+from arl_fixtures.reconcile.effects_pulled import pulled_channels
+from arl_fixtures.reconcile.effects_sides import part_of, sides_of
 from arl_fixtures.reconcile.reconcile import diagnose
 from arl_fixtures.reconcile.view import View
 
@@ -85,12 +86,22 @@ def test_light_from_beyond_whatever_a_pixel_sees_is_no_blur():
 
 def test_the_simulated_light_tells_how_much_of_a_pixel_lies_beyond_a_border():
     view = View(few_pixels(lambda bearing: seen(bearing, SHARP_PX), 3))
-    part = sides_of(view).part(view, "intensity_counts")
+    part = part_of(sides_of(view), view, "intensity_counts", pulled_channels(view))
     _, _, fills = seen(view.number("azimuth_deg") + view.number("stage_angle_deg"), SHARP_PX)
     other = 1.0 - fills.max(axis=0)
     known = np.isfinite(part)
     assert known.sum() > 0.9 * np.sum(view.selects("mixed", "true"))
     assert np.quantile(np.abs(part - other)[known], 0.9) < 0.03
+
+
+@pytest.mark.parametrize(("means", "follow"), [(True, ("distance_m",)), (False, ())])
+def test_ranges_that_are_called_true_may_be_means_of_what_a_pixel_sees(means, follow):
+    columns = few_pixels(lambda bearing: seen(bearing, SHARP_PX), 5)
+    if not means:  # a simulation of middle rays, whose ranges lie on one surface or the other
+        wall = np.array(columns.categories["surface"][1])[columns.categories["surface"][0]] == "wall"
+        columns.numbers["sim_distance_m"] = np.where(wall, WALL_M, STRIPES_M)
+    columns.numbers["true_range_m"] = columns.numbers["sim_distance_m"].copy()
+    assert pulled_channels(View(columns)) == follow
 
 
 def test_a_blur_that_reaches_over_edges_is_found_though_a_small_one_does_nothing():

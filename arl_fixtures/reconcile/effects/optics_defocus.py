@@ -10,7 +10,7 @@ from scipy.special import ive
 
 from arl_fixtures.reconcile.effect import Effect, Option, Parameter, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_bench import bench_of, is_sharp
-from arl_fixtures.reconcile.effects_beyond import blur_borders, sides_of
+from arl_fixtures.reconcile.effects_beyond import blur_borders
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     above,
@@ -24,10 +24,11 @@ from arl_fixtures.reconcile.effects_common import (
 )
 from arl_fixtures.reconcile.effects_frame import has_frames, ranged_by
 from arl_fixtures.reconcile.effects_pointing import spread_rays
+from arl_fixtures.reconcile.effects_pulled import pulled_channels
 from arl_fixtures.reconcile.effects_rays import Pose
 from arl_fixtures.reconcile.effects_render import as_simulated, convolved, rendered, see_area
 from arl_fixtures.reconcile.effects_scene import pixel_width, scene, sweeps_pixels
-from arl_fixtures.reconcile.effects_surface import pulled_channels
+from arl_fixtures.reconcile.effects_sides import sides_of
 from arl_fixtures.reconcile.view import View
 
 

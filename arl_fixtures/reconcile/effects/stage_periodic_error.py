@@ -92,6 +92,7 @@ class PeriodicError(Effect):
                 ),
                 channels=(channel,),
                 drivers=(column,),
+                wider=True,  # a rail's place is no stage's angle
             )  # fmt: skip
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:

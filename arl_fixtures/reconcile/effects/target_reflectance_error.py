@@ -15,7 +15,8 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
 )
 from arl_fixtures.reconcile.effects_panels import panel_shares, unnamed_panels
-from arl_fixtures.reconcile.effects_surface import light_share, pull_ranges, pulled_channels, surface_names
+from arl_fixtures.reconcile.effects_pulled import pull_ranges, pulled_channels
+from arl_fixtures.reconcile.effects_surface import light_share, surface_names
 from arl_fixtures.reconcile.effects_targets import before, rows_before, target_column
 from arl_fixtures.reconcile.view import View
 

@@ -5,8 +5,13 @@ import pyarrow as pa
 import pytest
 
 from arl_fixtures.reconcile.catalogue import library
+from arl_fixtures.reconcile.fit import fit
+from arl_fixtures.reconcile.pilot import Looker
+from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.steadiness import is_unsteady
 from arl_fixtures.reconcile.table import columns_of
+from arl_fixtures.reconcile.terms import Term
 
 TURNS = ("mount.tilt", "stage.zero_offset", "stage.periodic_error", "stage.eccentricity", "timing.range_walk",
          "timing.clock_scale", "air.multipath", "target.edge_mixing")  # fmt: skip
@@ -148,3 +153,34 @@ def test_a_head_that_was_moved_and_reads_right_is_silent():
     diagnosis = diagnose(moved_head(5, 0.0, 0.0), effects=[library()[n] for n in TURNS])[0]
     assert diagnosis.findings == []
     assert not [why for why in diagnosis.notes.values() if "was not tried" in why]
+
+
+def standing_head(seed, zero_deg_of_days):
+    """A head that stands in the middle of the hall, its encoder's zero off by another angle every day."""
+    rng = np.random.default_rng(seed)
+    zero = np.array(zero_deg_of_days)
+    day, around, beam = (x.ravel() for x in np.meshgrid(np.arange(zero.size), np.arange(90), np.arange(6),
+                                                         indexing="ij"))  # fmt: skip
+    azimuth, el = 4.0 * around - 180.0, np.radians(3.0 * beam - 10.0)
+
+    def look(turn_deg):
+        az = np.radians(azimuth + turn_deg)
+        return hall(np.stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)]), 5.4)
+
+    (far, wall, facing), (seen, _, _) = look(0.0), look(zero[day])
+    return columns_of(pa.table({
+        "step": day.astype(float), "azimuth_deg": azimuth, "elevation_deg": np.degrees(el),
+        "tof_temperature_c": 9.0 * day - 20.0, "incidence_deg": np.degrees(np.arccos(facing)),
+        "surface": np.array(["east", "north", "west", "south", "floor"])[wall], "n_frames": np.full(far.size, 10.0),
+        "sim_distance_m": far, "sim_distance_m_std": np.full(far.size, 0.01),
+        "distance_m": seen + 0.01 / np.sqrt(10.0) * rng.normal(size=far.size),
+    }))  # fmt: skip
+
+
+@pytest.mark.parametrize(("zero_deg_of_days", "holds"), [([0.05] * 6, True), ([0.0] * 5 + [0.3], False)])
+def test_a_zero_of_one_day_is_no_zero_of_the_stage(zero_deg_of_days, holds):
+    problem, effect = Problem(standing_head(7, zero_deg_of_days)), library()["stage.zero_offset"]
+    variant = next(v for v in effect.variants(problem.view) if "channel" not in v.options)
+    term = fit(problem, [Term(effect=effect, variant=variant, values={"zero": 0.01})]).terms[0]
+    assert term.values["zero"] == pytest.approx(0.05, abs=0.01)  # on their average both are off by as much
+    assert is_unsteady(Looker(problem), [term], term) is not holds

@@ -1,0 +1,68 @@
+"""Ramps that fall back once a period: a laser that jumps to its next mode, a phase that wraps, a counter's end.
+
+A wave says three fifths of one and a table over the period blurs its fall. Where the fall lies and how long the
+period is are looked for ever finer, from a wave's period on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.law import Axis
+from arl_fixtures.reconcile.law_basis import FEWEST_TURNS
+from arl_fixtures.reconcile.law_work import Work
+
+FALLS = (1.0, 0.1, 0.02)
+"""Parts of a period within which a ramp over it may fall back, and halves of turns over the column's span by which
+that is made shorter or longer: looked at ever finer."""
+_FEWEST_LEVELS, _MOST_LEVELS = 8, 20_000
+
+
+def saw_axis(column: str, period: float, fall: float) -> Axis:
+    """A ramp over each period of a column, from -1/2 to 1/2, that falls back at one place."""
+    return Axis(column=column, kind="saw", at=period, middle=fall)
+
+
+def saws_about(column: str, span: float, turns: float, fall: float, reach: float) -> Iterator[Axis]:
+    """Ramps about one of some turns over a span, to within a reach of `FALLS`; of all falls more of them."""
+    fine = 3 if reach == FALLS[0] else 1  # a ramp that falls a level too early or too late is hardly one
+    for more in turns + np.linspace(-1.0, 1.0, 8 * fine + 1) * 0.5 * reach:
+        for at in fall + np.linspace(-0.5, 0.5, 16 * fine + 1) * reach * span / turns:
+            yield saw_axis(column, span / more, at)
+
+
+def best_saw(work: Work, name: str, turns_per_unit: float) -> Axis | None:
+    """The ramp over a column that lowers the sum of squares most, beside a constant; None for columns of few values.
+
+    Args:
+        work: the rows; name: of the column.
+        turns_per_unit: of the strongest wave over it.
+    """
+    x = work.features[name]
+    good = np.isfinite(x)
+    levels, code = np.unique(x[good], return_inverse=True)
+    if not _FEWEST_LEVELS <= len(levels) <= _MOST_LEVELS:
+        return None
+    span = float(levels[-1] - levels[0])
+    turns, fall = turns_per_unit * span, float(levels.mean())
+    if turns < FEWEST_TURNS:
+        return None
+    score = np.bincount(code, (work.direction * work.residual)[good]).astype(np.float64)
+    weight = np.bincount(code, work.direction[good] ** 2).astype(np.float64)
+    score = score - weight * (score.sum() / max(float(weight.sum()), 1e-300))
+    best: Axis | None = None
+    for reach in FALLS:
+        best = max(
+            saws_about(name, span, turns, fall, reach), key=lambda axis: _drop(axis({name: levels}), score, weight)
+        )
+        turns, fall = span / best.at, best.middle
+    return best
+
+
+def _drop(ramp: FloatArray, score: FloatArray, weight: FloatArray) -> float:
+    """What a function of the levels lowers the sum of squares by, beside a constant."""
+    ramp = ramp - float(weight @ ramp) / max(float(weight.sum()), 1e-300)
+    return float(ramp @ score) ** 2 / max(float(weight @ ramp**2), 1e-300)
