@@ -12,7 +12,7 @@ from arl_fixtures.reconcile.law import RINGS, Law
 from arl_fixtures.reconcile.law_search import search_law
 from arl_fixtures.reconcile.locate import locate
 from arl_fixtures.reconcile.misfit import MISFIT_SHARE
-from arl_fixtures.reconcile.patterns import Pattern
+from arl_fixtures.reconcile.patterns import Pattern, shared_part
 from arl_fixtures.reconcile.pilot import Looker, Structure
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.region import rows_of_most
@@ -150,8 +150,8 @@ def _kind_of(column: str) -> str:
 def share_beside(problem: Problem, terms: Sequence[Term], term: Term) -> float:
     """Log-likelihood that a free pattern of pixels must gain beside an effect, so as not to mend its shape only.
 
-    It is a share of what the free pattern could take from the effect's own change. Of an effect that is itself
-    a picture (a spot, a beam) it takes up whatever the outline misses.
+    It is a share of what the free pattern could take from the effect's own change, as it is fitted: beside what steps
+    and images share. Of an effect that is itself a picture (a spot, a beam) it takes up whatever the outline misses.
     """
     picture = bool(set(term.variant.drivers) & PIXEL_COLUMNS)
     others = [t for t in terms if t is not term]
@@ -163,6 +163,7 @@ def share_beside(problem: Problem, terms: Sequence[Term], term: Term) -> float:
             continue
         weight = d.root_weight**2 * level.scale
         change = d.expect * (moved[d.channel.name] - base[d.channel.name])[d.use]
+        change = change - shared_part(d, change)
         gram = np.bincount(level.code, weight * level.scale, minlength=level.count)
         mean = np.bincount(level.code, weight * change, minlength=level.count) / np.maximum(gram, 1e-300)
         unit = np.zeros(level.count, dtype=np.int64)
