@@ -27,6 +27,7 @@ _SAME, _CLOSER, _FEWEST, _LEAST = 1e-3, 0.5, 8, 0.05
 """Relative difference up to which two ranges are one; share of the distance to a row's own surface within which the
 mean by light must lie, rows that must say so, and what a row must see of the other surface to say it."""
 
+
 def pulled_channels(view: View) -> tuple[str, ...]:
     """Distances that move when one of two surfaces in a pixel gets brighter."""
     return tuple(name for name in distances(view) if _mixes_ranges(view, name)) if view.labels("surface") else ()

@@ -43,7 +43,7 @@ from arl_fixtures.reconcile.law_crossed import crossed_of
 from arl_fixtures.reconcile.law_lean import leant_of
 from arl_fixtures.reconcile.law_peaks import peaks_of
 from arl_fixtures.reconcile.law_pixels import drifts_of
-from arl_fixtures.reconcile.law_saws import best_saw
+from arl_fixtures.reconcile.law_saws import PRICE_FALL, best_saw
 from arl_fixtures.reconcile.law_turned import turned_of
 from arl_fixtures.reconcile.law_waves import best_moving_rings, best_pair_wave, best_rings, best_wave
 from arl_fixtures.reconcile.law_work import Candidate, Work
@@ -59,8 +59,6 @@ MOST_WAVES, GROWING = 4, frozenset({"linear", "ratio", "log", "inverse", "above"
 MOST_MARKS, MOST_REFINED, FEW_SETTINGS = 20, 10, 4
 UNSHIFTED = frozenset({"is", "ratio", "step", "band", "peak", "above", "below", "parity", "one"})
 """Functions whose zero means something."""
-PRICE_FALL = 4.0
-"""Further price of a ramp that falls back: of where it falls, and of how long it is, there are many to try."""
 ALIKE = 0.98
 """Correlation from which two columns are one for the search of pairs."""
 

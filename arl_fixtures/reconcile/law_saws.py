@@ -18,6 +18,8 @@ from arl_fixtures.reconcile.law_work import Work
 FALLS = (1.0, 0.1, 0.02)
 """Parts of a period within which a ramp over it may fall back, and halves of turns over the column's span by which
 that is made shorter or longer: looked at ever finer."""
+PRICE_FALL = 4.0
+"""Price beyond a wave's: of where a ramp falls, and of how long it is, there are many to try."""
 _FEWEST_LEVELS, _MOST_LEVELS = 8, 20_000
 
 

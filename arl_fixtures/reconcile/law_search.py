@@ -18,7 +18,7 @@ from arl_fixtures.reconcile.grouping import WITHIN_IMAGES
 from arl_fixtures.reconcile.law import Law, LawTerm
 from arl_fixtures.reconcile.law_basis import PRICE_ONE, Basis, price_of
 from arl_fixtures.reconcile.law_choice import find_terms
-from arl_fixtures.reconcile.law_drivers import strongest_first
+from arl_fixtures.reconcile.law_drivers import strongest_first, told_once
 from arl_fixtures.reconcile.law_fit import Chosen, confirm
 from arl_fixtures.reconcile.law_harm import harmless
 from arl_fixtures.reconcile.law_own_heat import of_own_heat
@@ -188,10 +188,12 @@ def _from_start(
 ) -> Iterator[Trial]:  # fmt: skip
     """What is found with these scatters, and a single term of several factors without one of them."""
     law, chosen = law_of(Chosen(), data), Chosen()
+    features = told_once(looker.features)
+    leading = leading if "step" in features else ["time_s" if n == "step" else n for n in leading]
     for _ in range(MOST_PASSES):
-        work = whole = Work(data, state, looker.features, tau)
+        work = whole = Work(data, state, features, tau)
         if len(data.use) > MOST_ROWS:
-            whole = Work(data, state, looker.features, tau, ALL_ROWS)
+            whole = Work(data, state, features, tau, ALL_ROWS)
         known = [n for n in leading if n in work.features]  # a column may be empty where this channel has rows
         found = find_terms(work, pool_of(work, looker, known), whole)
         found = from_nil(whole, narrowed(whole, found, factors_of(work, looker, known)))

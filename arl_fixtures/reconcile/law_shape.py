@@ -14,7 +14,7 @@ from arl_fixtures.reconcile.law_candidates import Candidates
 from arl_fixtures.reconcile.law_fit import Chosen, joint
 from arl_fixtures.reconcile.law_lean import refined_lean
 from arl_fixtures.reconcile.law_peaks import refined_peak
-from arl_fixtures.reconcile.law_saws import FALLS, saws_about
+from arl_fixtures.reconcile.law_saws import FALLS, PRICE_FALL, saws_about
 from arl_fixtures.reconcile.law_work import Work
 
 PLACES = tuple(np.linspace(0.04, 0.96, 24))
@@ -87,7 +87,7 @@ def _swinging(basis: Basis) -> tuple[Axis, Basis, int] | None:
     rest = tuple(a for a in first if a is not axis)
     if any(tuple(a for a in product if a.kind not in {"sin", "cos"}) != rest for product in basis.waves):
         return None
-    return axis, replace(basis, axes=(axis, *rest), waves=()), 0
+    return axis, replace(basis, axes=(axis, *rest), waves=(), price=basis.price + PRICE_FALL), 0
 
 
 def _others(work: Work, left: FloatArray, basis: Basis, number: int) -> Iterator[Basis]:
