@@ -17,6 +17,8 @@ _SEEN = (
     "surface", "reflectance", "mixed",
 )  # fmt: skip
 """Columns that tell what a row looks at."""
+_PAINT = frozenset({"surface", "reflectance"})
+"""Of these what says how much light a target sends back."""
 _SAME_LIGHT = 0.02
 """Typical spread of the logarithm of light at one current, device and temperature below which rows see the same."""
 _DIGITS, _ROUNDS = 6, 30
@@ -94,13 +96,31 @@ def brightness(view: View, channel: str, current: str) -> FloatArray:
         factor = np.ones(table.n)
         if not good.size or not _differs(np.log(light[good]), alike[good] * (int(level.max()) + 1) + level[good]):
             return factor
-        place = table.group(*(name for name in _SEEN if name in table.numbers or name in table.categories))
-        power = _power_of_levels(np.log(light[good]), place[good], level[good])
+        white, place = _of_white(view, np.log(np.where(light > 0.0, light, 1.0)), level, good)
+        power = _power_of_levels(white, place, level[good])
         if power is not None:
             factor[good] = np.exp(np.log(light[good]) - power[level[good]])
         return factor
 
     return per_table(view, ("brightness", channel, current), make)
+
+
+def _of_white(view: View, log_light: FloatArray, level: IntArray, good: IntArray) -> tuple[FloatArray, IntArray]:
+    """Logarithm of the good rows' light, and the place that each looks at.
+
+    Where the light goes with the reflectance that a table tells it is that of white targets, and what stands at one
+    place is one thing, whichever target was shown there at which current.
+    """
+    table = view.columns
+    seen = [name for name in _SEEN if name in table.numbers or name in table.categories]
+    white = table.numbers.get("reflectance")
+    if white is not None and np.all(white[good] > 0.0):
+        place = table.group(*(name for name in seen if name not in _PAINT))
+        cell = np.unique(np.stack([place, level])[:, good], axis=1, return_inverse=True)[1].ravel()
+        bare = log_light[good] - np.log(white[good])
+        if not _differs(bare, cell):
+            return bare, place[good]
+    return log_light[good], table.group(*seen)[good]
 
 
 def _levels(drive: FloatArray, low: float, high: float) -> IntArray:

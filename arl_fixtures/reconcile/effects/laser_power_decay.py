@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -38,7 +39,7 @@ class PowerDecay(LightFactor):
     """I *= exp(−loss · age^exponent), age from 0 to 1 over the table; or age weighted by exp(−E/kT).
 
     * age: a column that counts it; of one that counts cycles also with the time within the cycle as a part of one.
-    * each (where several units age): every unit loses its own share, by one exponent.
+    * each (where several units age): every unit loses its own share, by one exponent, or its threshold rises so.
     * stress (where each unit ages at a temperature of its own): loss · exp(−E/k·(1/T − 1/T_ref)) · age^exponent.
     * curve (where a drive current is swept): I(J) = exp(−loss·a^exponent) · I_sim(J − threshold_rise·a^exponent):
       what is lost in the cavity raises the threshold and lowers the slope.
@@ -123,7 +124,7 @@ class PowerDecay(LightFactor):
         """Moves the light-current curve where there is one, then multiplies the light."""
         if "current" in variant.options:
             channel, current = str(variant.options["channel"]), str(variant.options["current"])
-            rise = float(values["threshold_rise"]) * _worn(variant, values, view)
+            rise = _by_the_end(variant, values, view, "threshold_rise") * _worn(variant, values, view)
             light = state[channel] + shifted(view, channel, current, "", rise)
             set_light(view, state, channel, light * self.factor(variant, values, view))
         else:
@@ -132,7 +133,7 @@ class PowerDecay(LightFactor):
 
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Relative power at the row's age, but for a threshold."""
-        lost = _loss(variant, values, view) * _worn(variant, values, view)
+        lost = _by_the_end(variant, values, view, "loss") * _worn(variant, values, view)
         return np.asarray(np.exp(-np.minimum(lost, 20.0)))
 
     def expression(self, variant: Variant) -> str:
@@ -153,19 +154,21 @@ class PowerDecay(LightFactor):
         if "stress" in variant.options:
             stress, origin = variant.options["stress"], variant.options["reference"]
             grown += f" * exp(activation_energy / k (1 / {origin} - 1 / {stress})) (temperatures in kelvin)"
-        loss = "loss[dut]" if "units" in variant.options else "loss"
-        first, last = float(variant.options["first"]), float(variant.options["last"])
-        law = f"{channel} *= exp(-{loss} * {grown}), a = {column} from 0 (at {first:g}) to 1 (at {last:g})"
+        each = "[dut]" if "units" in variant.options else ""
+        laws = []
         if "current" in variant.options:
-            law = f"{channel} = {channel}({variant.options['current']} - threshold_rise * {grown}), then {law}"
-        return law
+            laws.append(f"{channel} = {channel}({variant.options['current']} - threshold_rise{each} * {grown})")
+        if _named(variant, "loss"):
+            laws.append(f"{channel} *= exp(-loss{each} * {grown})")
+        first, last = float(variant.options["first"]), float(variant.options["last"])
+        return f"{', then '.join(laws)}, a = {column} from 0 (at {first:g}) to 1 (at {last:g})"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Loss from first to last."""
-        losses = [float(values[name]) for name in _losses(variant)]
-        least, most = (-np.expm1(-loss) * 100.0 for loss in (min(losses), max(losses)))
-        lost = f"{most:.1f}" if len(losses) == 1 else f"{least:.1f} to {most:.1f}"
-        which = "" if len(losses) == 1 else ", each unit by its own share"
+        losses = [float(values[name]) for name in _named(variant, "loss")] or [0.0]
+        rises = [float(values[name]) for name in _named(variant, "threshold_rise")] or [0.0]
+        lost = _from_to([float(-np.expm1(-loss)) * 100.0 for loss in losses], ".1f")
+        which = ", each unit by its own share" if "units" in variant.options else ""
         column = str(variant.options["age"])
         low, high = view.span(column) if view.has(column) else (0.0, 0.0)
         low = min(low, float(variant.options["first"]))
@@ -174,8 +177,9 @@ class PowerDecay(LightFactor):
         if "stress" in variant.options:
             faster += f" (at {variant.options['reference']:g} °C)"
         what = f"The light fades by {lost} %"
-        if float(values.get("threshold_rise", 0.0)) > 0.0:
-            rise = f"The laser's threshold rises by {1e3 * float(values['threshold_rise']):.3g} mA"
+        if max(rises) > 0.0:
+            size, unit = (1e3, "mA") if max(rises) < 1.0 else (1.0, "A")
+            rise = f"The laser's threshold rises by {_from_to([size * r for r in rises], '.3g')} {unit}"
             what = f"{rise} and its slope falls by {lost} %" if max(losses) > 0.0 else rise
         return f"{what} from {column} {low:.4g} to {high:.4g} {_plain(column)}{faster}{which}."
 
@@ -189,33 +193,34 @@ class PowerDecay(LightFactor):
 
 
 def _each(view: View, plain: dict[str, Option], column: str, exponent: Parameter) -> Iterable[Variant]:
-    """Every unit's own loss, of units that are few enough to tell each by its name."""
+    """Every unit's own loss, or rise of its threshold, of units that are few enough to tell each by its name."""
     units = view.labels("dut")
     if not FEWEST_UNITS <= len(units) <= MOST_UNITS:
         return
-    options: dict[str, Option] = {**plain, **age_options(view, column), "units": json.dumps(list(units))}
-    yield Variant(
-        effect=PowerDecay.id,
-        options=options,
-        parameters=(*(amplitude(f"loss_{unit}", "1", 0.0, 3.0, 0.05) for unit in units), exponent),
-        channels=light_channels(view, str(plain["channel"])),
-        drivers=(column, "dut"),
-        where={"dut": list(units)},
-    )
+    loss = amplitude("loss", "1", 0.0, 3.0, 0.05)
+    for rise, driven in _driven(view, driving_currents(view, str(plain["channel"]))):
+        worn = rise[0] if rise else loss
+        yield Variant(
+            effect=PowerDecay.id,
+            options={**plain, **age_options(view, column), "units": json.dumps(list(units)), **driven},
+            parameters=(*(replace(worn, name=f"{worn.name}_{unit}") for unit in units), exponent),
+            channels=light_channels(view, str(plain["channel"])),
+            drivers=(column, "dut", *map(str, driven.values())),
+            where={"dut": list(units)},
+        )
 
 
-def _losses(variant: Variant) -> list[str]:
-    """Names of the parameters that say how much is lost."""
-    if "units" not in variant.options:
-        return ["loss"]
-    return [f"loss_{unit}" for unit in json.loads(str(variant.options["units"]))]
+def _named(variant: Variant, word: str) -> list[str]:
+    """Names of the parameters that say how much of something there is by the end: one, or one of each unit."""
+    return [p.name for p in variant.parameters if p.name == word or p.name.startswith(f"{word}_")]
 
 
-def _loss(variant: Variant, values: Values, view: View) -> FloatArray | float:
-    """What is lost by the end, of each row's unit; of one that was not seen the mean of the others."""
-    if "units" not in variant.options:
-        return float(values["loss"])
-    own = {unit: float(values[f"loss_{unit}"]) for unit in json.loads(str(variant.options["units"]))}
+def _by_the_end(variant: Variant, values: Values, view: View, word: str) -> FloatArray | float:
+    """How much of it there is by then, of each row's unit; of one that was not seen the mean of the others."""
+    names = _named(variant, word)
+    if "units" not in variant.options or not names:
+        return float(values[word]) if names else 0.0
+    own = {name.removeprefix(f"{word}_"): float(values[name]) for name in names}
     codes, labels = view.codes("dut")
     mean = float(np.mean(list(own.values())))
     return np.array([*(own.get(label, mean) for label in labels), mean])[codes]
@@ -285,6 +290,11 @@ def _age(variant: Variant, values: Values, view: View) -> FloatArray:
 
     since = per_view(view, ("log age", variant.label), logarithm)
     return np.exp(float(values["exponent"]) * since)
+
+
+def _from_to(values: Sequence[float], digits: str) -> str:
+    least, most = (f"{x:{digits}}" for x in (min(values), max(values)))
+    return most if len(values) == 1 else f"{least} to {most}"
 
 
 def _plain(column: str) -> str:

@@ -9,10 +9,10 @@ from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.view import View
 
 
-def view_of(**columns):
+def view_of(labels=None, **columns):
     n = len(next(iter(columns.values())))
     filled = {name: np.broadcast_to(np.asarray(x, dtype=float), (n,)).copy() for name, x in columns.items()}
-    return View(make_columns(filled, {}, shuffle=None)[0])
+    return View(make_columns(filled, labels or {}, shuffle=None)[0])
 
 
 def fitted(view, variant, channel, **starts):
@@ -148,3 +148,27 @@ def test_a_cavity_that_loses_more_every_hour_raises_its_threshold_and_lowers_its
     plain = variant_of(view, "laser.power_decay", age="operating_h")
     alone = fitted(view, plain, "photodiode_w", loss=0.03, exponent=1.0)
     assert left_over(view, corrected(view, plain, **alone), "photodiode_w") > 0.05
+
+
+def test_lasers_whose_thresholds_rise_at_their_own_pace_are_told_from_targets_that_change_with_the_current():
+    """Which board is shown goes with the current: no two of them share more than a pair of currents."""
+    paces = np.array([0.0021, 0.0012, 0.0034, 0.0017])
+    number, cycle, shot = (a.ravel() for a in np.meshgrid(np.arange(4), np.arange(0, 500, 50), np.arange(24),
+                                                          indexing="ij"))  # fmt: skip
+    paint, away = np.array([0.1, 0.3, 0.5, 0.8])[shot % 4], 3.0 + 0.5 * (shot % 3)
+    drive = np.array([0.60, 0.68, 0.75, 0.83, 0.90, 1.00])[shot // 4]
+    risen = 0.12 * (1.0 + paces[number] * cycle / 4.5) ** 1.2
+    view = view_of(
+        labels={"dut": np.array(["A", "B", "C", "D"])[number]}, cycle=cycle.astype(float), laser_current_a=drive,
+        reflectance=paint, true_range_m=away, sim_intensity_counts=3e4 * (drive - 0.12) * paint / away**2,
+        intensity_counts=3e4 * (drive - risen) * paint / away**2,
+    )  # fmt: skip
+    variant = next(
+        v for v in library()["laser.power_decay"].variants(view)
+        if v.options["age"] == "cycle" and {"units", "current"} <= set(v.options)
+    )  # fmt: skip
+    starts = {p.name: 0.01 if p.is_amplitude else 1.0 for p in variant.parameters}
+    values = fitted(view, variant, "intensity_counts", **starts)
+    assert left_over(view, corrected(view, variant, **values), "intensity_counts") < 2e-3
+    last = 0.12 * ((1.0 + paces * 450.0 / 4.5) ** 1.2 - 1.0)
+    assert [values[f"threshold_rise_{unit}"] for unit in "ABCD"] == pytest.approx(last, rel=0.03)
