@@ -155,18 +155,18 @@ class PowerDecay(LightFactor):
             stress, origin = variant.options["stress"], variant.options["reference"]
             grown += f" * exp(activation_energy / k (1 / {origin} - 1 / {stress})) (temperatures in kelvin)"
         each = "[dut]" if "units" in variant.options else ""
-        laws = []
-        if "current" in variant.options:
+        laws, rises = [], "current" in variant.options
+        if rises:
             laws.append(f"{channel} = {channel}({variant.options['current']} - threshold_rise{each} * {grown})")
-        if _named(variant, "loss"):
+        if not (rises and each):  # each unit has a rise or a loss
             laws.append(f"{channel} *= exp(-loss{each} * {grown})")
         first, last = float(variant.options["first"]), float(variant.options["last"])
         return f"{', then '.join(laws)}, a = {column} from 0 (at {first:g}) to 1 (at {last:g})"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Loss from first to last."""
-        losses = [float(values[name]) for name in _named(variant, "loss")] or [0.0]
-        rises = [float(values[name]) for name in _named(variant, "threshold_rise")] or [0.0]
+        losses = [float(values[name]) for name in _named(values, "loss")] or [0.0]
+        rises = [float(values[name]) for name in _named(values, "threshold_rise")] or [0.0]
         lost = _from_to([float(-np.expm1(-loss)) * 100.0 for loss in losses], ".1f")
         which = ", each unit by its own share" if "units" in variant.options else ""
         column = str(variant.options["age"])
@@ -210,14 +210,14 @@ def _each(view: View, plain: dict[str, Option], column: str, exponent: Parameter
         )
 
 
-def _named(variant: Variant, word: str) -> list[str]:
-    """Names of the parameters that say how much of something there is by the end: one, or one of each unit."""
-    return [p.name for p in variant.parameters if p.name == word or p.name.startswith(f"{word}_")]
+def _named(values: Values, word: str) -> list[str]:
+    """Names of the values that say how much of something there is by the end: one, or one of each unit."""
+    return [name for name in values if name == word or name.startswith(f"{word}_")]
 
 
 def _by_the_end(variant: Variant, values: Values, view: View, word: str) -> FloatArray | float:
     """How much of it there is by then, of each row's unit; of one that was not seen the mean of the others."""
-    names = _named(variant, word)
+    names = _named(values, word)
     if "units" not in variant.options or not names:
         return float(values[word]) if names else 0.0
     own = {name.removeprefix(f"{word}_"): float(values[name]) for name in names}
