@@ -163,7 +163,8 @@ def share_beside(problem: Problem, terms: Sequence[Term], term: Term) -> float:
             continue
         weight = d.root_weight**2 * level.scale
         change = d.expect * (moved[d.channel.name] - base[d.channel.name])[d.use]
-        change = change - shared_part(d, change)
+        if not (term.effect.displaces or term.effect.mixes):  # what those leave at edges no image shares
+            change = change - shared_part(d, change)
         gram = np.bincount(level.code, weight * level.scale, minlength=level.count)
         mean = np.bincount(level.code, weight * change, minlength=level.count) / np.maximum(gram, 1e-300)
         unit = np.zeros(level.count, dtype=np.int64)

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 def name_who_was_hidden(decision: Decision, at_first: frozenset[str]) -> None:
     """Ask again what else acts, without the effects that fell; what is found then must stand like any other name.
 
+    Where none of it does, all is as it was before: beside what fell again names may fall that stand without it.
+
     What is known to be like a name that stands and like one that fell would mend the shape of the one as the other
     did: it is not asked either.
 
@@ -32,11 +34,17 @@ def name_who_was_hidden(decision: Decision, at_first: frozenset[str]) -> None:
     found = decision.search.further(decision.best, chance, refused)
     if len(found.terms) == len(decision.best.terms):
         return
+    before = decision.best, decision.patterns
     decision.best, decision.patterns = found, []
     decision.look()
     add_patterns(decision)
     while drop_fallen(decision):
         pass
+    left = {t.effect.id for t in decision.best.terms}
+    if left < standing:
+        decision.best, decision.patterns = before
+        decision.keep(decision.best.terms)
+        decision.look()
 
 
 def _like(decision: Decision, names: frozenset[str]) -> set[str]:

@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from arl_fixtures.reconcile import search_again
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.decide import Decision
 from arl_fixtures.reconcile.fit import finish, fit
@@ -45,6 +46,28 @@ def test_what_a_fallen_name_had_hidden_is_found(fell, named):
     decision.best = finish(decision.problem, fit(decision.problem, left))
     name_who_was_hidden(decision, frozenset({WARM, fell} - {""}))
     assert {t.effect.id for t in decision.best.terms} == named
+
+
+def test_names_stand_as_before_where_nothing_of_a_further_look_does(monkeypatch):
+    """What was found beside them falls by a law of its channel, and they with it."""
+    known = [library()[name] for name in (WARM, CLOCK)]
+    search = Search(slow_clock_on_a_long_cable(), known)
+    decision = Decision(search, search.run(), known)
+    both = decision.best.terms
+    decision.best = finish(decision.problem, fit(decision.problem, [t for t in both if t.effect.id == WARM]))
+    value = decision.best.terms[0].values["slope"]
+    monkeypatch.setattr(search, "further", lambda *_: finish(decision.problem, fit(decision.problem, both)))
+
+    def all_fall(decision):
+        if decision.best.terms:
+            decision.keep(())
+            return True
+        return False
+
+    monkeypatch.setattr(search_again, "drop_fallen", all_fall)
+    name_who_was_hidden(decision, frozenset({WARM, "air.multipath"}))
+    (left,) = decision.best.terms
+    assert (left.effect.id, left.values["slope"]) == (WARM, pytest.approx(value, rel=1e-3))
 
 
 def test_an_effect_known_to_be_like_a_name_is_tried_in_its_place_however_little_it_promises():
