@@ -20,7 +20,10 @@ FALLS = (1.0, 0.1, 0.02)
 that is made shorter or longer: looked at ever finer."""
 PRICE_FALL = 4.0
 """Price beyond a wave's: of where a ramp falls, and of how long it is, there are many to try."""
-_FEWEST_LEVELS, _MOST_LEVELS = 8, 20_000
+_FEWEST_LEVELS, _LENGTHS = 8, 25
+"""Values of a column over which a ramp is sought, and lengths that are tried in each round."""
+_RANK = 1e-9
+"""Share of all weight below which a ramp differs from a constant by rounding."""
 
 
 def saw_axis(column: str, period: float, fall: float) -> Axis:
@@ -46,25 +49,40 @@ def best_saw(work: Work, name: str, turns_per_unit: float) -> Axis | None:
     x = work.features[name]
     good = np.isfinite(x)
     levels, code = np.unique(x[good], return_inverse=True)
-    if not _FEWEST_LEVELS <= len(levels) <= _MOST_LEVELS:
+    if len(levels) < _FEWEST_LEVELS:
         return None
     span = float(levels[-1] - levels[0])
-    turns, fall = turns_per_unit * span, float(levels.mean())
+    turns, fall = turns_per_unit * span, 0.0
     if turns < FEWEST_TURNS:
         return None
     score = np.bincount(code, (work.direction * work.residual)[good]).astype(np.float64)
     weight = np.bincount(code, work.direction[good] ** 2).astype(np.float64)
     score = score - weight * (score.sum() / max(float(weight.sum()), 1e-300))
-    best: Axis | None = None
     for reach in FALLS:
-        best = max(
-            saws_about(name, span, turns, fall, reach), key=lambda axis: _drop(axis({name: levels}), score, weight)
-        )
-        turns, fall = span / best.at, best.middle
-    return best
+        tried = turns + np.linspace(-1.0, 1.0, _LENGTHS) * 0.5 * reach
+        found = [_best_fall(levels * (more / span), score, weight) for more in tried]
+        _, fall, turns = max((drop, fall, float(more)) for (drop, fall), more in zip(found, tried, strict=True))
+    period, middle = span / turns, float(levels.mean())
+    at = fall * period
+    return saw_axis(name, period, at + period * round((middle - at) / period))
 
 
-def _drop(ramp: FloatArray, score: FloatArray, weight: FloatArray) -> float:
-    """What a function of the levels lowers the sum of squares by, beside a constant."""
-    ramp = ramp - float(weight @ ramp) / max(float(weight.sum()), 1e-300)
-    return float(ramp @ score) ** 2 / max(float(weight @ ramp**2), 1e-300)
+def _best_fall(place: FloatArray, score: FloatArray, weight: FloatArray) -> tuple[float, float]:
+    """What a ramp lowers the sum of squares by, beside a constant, and the phase at which it falls then.
+
+    Up to the fall a level lies one turn further than its phase says: all falls are sums over the phases in order.
+
+    Args:
+        place: of the levels, turns; score: sums over their rows, beside a constant; weight: likewise.
+    """
+    phase = np.mod(place, 1.0)
+    order = np.argsort(phase, kind="stable")
+    phase, score, weight = phase[order], score[order], weight[order]
+    pull = float(score @ phase) + np.cumsum(score)
+    total = max(float(weight.sum()), 1e-300)
+    mean = (float(weight @ phase) + np.cumsum(weight)) / total
+    power = float(weight @ phase**2) + np.cumsum(weight * (2.0 * phase + 1.0)) - total * mean**2
+    drop = np.divide(pull**2, power, out=np.zeros_like(pull), where=power > _RANK * total)
+    k = int(np.argmax(drop))
+    further = phase[k + 1] if k + 1 < phase.size else phase[0] + 1.0
+    return float(drop[k]), 0.5 * float(phase[k] + further)
