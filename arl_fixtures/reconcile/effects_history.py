@@ -120,10 +120,11 @@ def history(view: View, column: str, jump: float | None = None) -> History | Non
         if is_of_bench(column):
             readings = _pooled(clock, view.columns.group("cycle"), readings, float(np.ptp(values[good])))
         grid = np.full((clock.groups, clock.length), float(values[good].mean()))
-        ticks = np.arange(clock.length, dtype=float)
+        ticks, steps = np.arange(clock.length, dtype=float), _steps(view, clock)
         for index, (place, reading) in enumerate(readings):
             if place.size:
-                place, reading = with_turns(place, reading, _steps_at(clock, view.columns, index, place))
+                number = np.interp(place, *steps[index]) if steps and steps[index][0].size else None
+                place, reading = with_turns(place, reading, number)
                 knots = (place, reading) if jump is None else _with_jumps(place, reading, jump)
                 grid[index] = np.interp(ticks, *knots)
         return History(values=grid, interval=clock.interval, unit=clock.unit, start=clock.start)
@@ -131,17 +132,14 @@ def history(view: View, column: str, jump: float | None = None) -> History | Non
     return per_table(view, ("history", column, jump), make)
 
 
-def _steps_at(clock: _Clock, table: Columns, index: int, place: FloatArray) -> FloatArray | None:
-    """Number of the step at some places of a group's record; None where the table has no steps."""
-    step = table.numbers.get("step")
-    if step is None:
-        return None
-    own = (clock.group == index) & np.isfinite(step) & np.isfinite(clock.place)
-    if not own.any():
-        return None
-    order = np.argsort(clock.place[own], kind="stable")
-    steps: FloatArray = np.interp(place, clock.place[own][order], step[own][order])
-    return steps
+def _steps(view: View, clock: _Clock) -> _Readings:
+    """Number of the step along each group's record; none where the table has no steps."""
+
+    def find() -> _Readings:
+        step = view.columns.numbers.get("step")
+        return [] if step is None else _readings(clock, step, np.isfinite(step))
+
+    return per_table(view, "steps of history", find)
 
 
 SOAK_FROM = 0.2

@@ -10,7 +10,7 @@ FloatArray = NDArray[np.float64]
 _PAUSE = 0.2
 """Share of the longest time without a reading from which readings are of two looks, not of one."""
 _LEFT_OUT = 1.5
-"""How many times the least number of steps, or the least time, lies between looks with one left out."""
+"""How many steps, or how many times the least time, lie between two looks where one is left out."""
 _ALIKE = 2.0
 """Most that the rates before and after a turn may differ by, as a factor, and a rate from the one before it."""
 _CLEAR = 0.02
@@ -36,16 +36,18 @@ def with_turns(
     look = np.concatenate([[0], np.cumsum(pause)])
     count = np.bincount(look)
     when, mean = np.bincount(look, place) / count, np.bincount(look, reading) / count
-    number = when if step is None else np.bincount(look, step) / count
     if when.size < 4:
         return place, reading
-    change, lasted, steps = np.diff(mean), np.diff(when), np.abs(np.diff(number))
-    rate = change / lasted
+    number = place if step is None else step
+    apart = np.abs(np.diff(number)[pause])  # from the end of a look, which may hold several steps, to the next one
+    least = 1.0 if step is not None else float(np.min(apart))
+    change = np.diff(mean)
+    rate = change / np.diff(when)
     clear = np.abs(change) > _CLEAR * float(np.ptp(mean))
     found = []
     for k in range(1, when.size - 2):
         before, after = rate[k - 1], rate[k + 1]
-        left_out = steps[k] > _LEFT_OUT * float(steps.min())
+        left_out = apart[k] > _LEFT_OUT * least
         turns = before * after < 0.0 and clear[k - 1] and clear[k + 1] and _alike(before, -after)
         if not (left_out and turns and _goes_on(rate, k)):
             continue

@@ -80,23 +80,26 @@ def _mixes_ranges(view: View, name: str) -> bool:
         )
         apart = np.abs(beyond - centre) > _APART * np.abs(centre)
         off = np.abs(own - centre)[apart] > _BETWEEN * np.abs(beyond - centre)[apart]
-        return bool(off.size and np.mean(off) > 0.2) or _follow_light(whole, name)
+        return bool(off.size and np.mean(off) > 0.2) or _follow_light(whole, mixed, name)
 
     return per_table(view, ("mixes ranges", name), look)
 
 
-def _follow_light(view: View, name: str) -> bool:
-    """Whether ranges that are called true are the simulated ones, and both are means by light of two surfaces."""
-    sides, channel = sides_of(view), view.channel(Role.INTENSITY)
-    if sides is None or not channel or "true_range_m" not in view.columns.numbers:
+def _follow_light(whole: View, mixed: IntArray, name: str) -> bool:
+    """Whether the ranges of mixed rows that are called true are the simulated ones, means by light of two sides."""
+    channel = whole.channel(Role.INTENSITY)
+    if not channel or "true_range_m" not in whole.columns.numbers:
         return False
-    own, true = view.number(f"sim_{name}"), view.number("true_range_m") * per_metre(unit_of(name))
-    part = part_of(sides, view, channel)
+    own, true = whole.number(f"sim_{name}")[mixed], whole.number("true_range_m")[mixed] * per_metre(unit_of(name))
+    view = View(whole.columns, mixed[np.abs(true - own) < _SAME * np.abs(own)])
+    sides = sides_of(view)
+    if sides is None:
+        return False
+    own, light, part = view.number(f"sim_{name}"), view.number(f"sim_{channel}"), part_of(sides, view, channel)
     (near, beyond), (_, other) = sides.seen(view, f"sim_{name}"), sides.seen(view, f"sim_{channel}")
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean = near + part * other / view.number(f"sim_{channel}") * (beyond - near)
+        mean = near + part * other / light * (beyond - near)
         at = np.isfinite(mean) & (np.abs(beyond - near) > _APART * np.abs(near)) & (part > _LEAST)
-        at &= np.abs(true - own) < _SAME * np.abs(own)
     if np.count_nonzero(at) < _FEWEST:
         return False
     return bool(np.median(np.abs(own - mean)[at]) < _CLOSER * np.median(np.abs(own - near)[at]))

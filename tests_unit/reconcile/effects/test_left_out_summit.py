@@ -70,6 +70,18 @@ def test_a_summit_is_not_made_up_where_a_step_took_longer():
     assert history(view, "housing_temperature_c").values.max() <= 45.0
 
 
+def test_steps_in_quick_succession_leave_none_out():
+    """Steps 4 to 6 are one look to whoever tells looks by their times; between 6 and 7 there is none."""
+    time = STEP_S * np.array([0.0, 1.0, 2.0, 3.0, 4.0, 4.1, 4.2, 5.2, 6.2, 7.2, 8.2])
+    readings = np.array([20.0, 25.0, 30.0, 35.0, 40.0, 40.5, 40.5, 38.0, 33.0, 28.0, 23.0])
+    numbers = {
+        "time_s": time, "step": np.arange(11.0), "housing_temperature_c": readings,
+        "sim_distance_m": np.full(11, 2.0), "distance_m": np.full(11, 2.0),
+    }  # fmt: skip
+    view = View(make_columns(numbers, {})[0])
+    assert history(view, "housing_temperature_c").values.max() <= readings.max() + 1e-9
+
+
 def quick_up_slow_down(time):
     return np.interp(time, [0.0, SUMMIT * STEP_S, 2 * SUMMIT * STEP_S], [20.0, 70.0, 60.0])
 
