@@ -16,7 +16,8 @@ from arl_fixtures.reconcile.effects_common import distances, per_table
 from arl_fixtures.reconcile.effects_illumination import ray_column
 from arl_fixtures.reconcile.effects_planes import directions
 from arl_fixtures.reconcile.effects_scene import scene
-from arl_fixtures.reconcile.effects_still import both, scenes_shown
+from arl_fixtures.reconcile.effects_scenes import scenes_shown
+from arl_fixtures.reconcile.effects_still import both
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import IntArray, View
 

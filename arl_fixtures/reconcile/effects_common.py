@@ -55,10 +55,12 @@ def shape(name: str, unit: str, low: float, high: float, *starts: float) -> Para
     return Parameter(name=name, unit=unit, low=low, high=high, starts=inside)
 
 
-def period_starts(shortest: float, longest: float, reach: float, *, most: int) -> tuple[float, ...]:
-    """Periods to start a search from: so close in frequency that over `reach` neighbours differ by under a cycle."""
+def period_starts(
+    shortest: float, longest: float, reach: float, *, most: int, apart: float = 0.75
+) -> tuple[float, ...]:
+    """Periods to start a search from: neighbours differ by part of a cycle over `reach`."""
     low, high = 1.0 / longest, 1.0 / shortest
-    count = int(np.clip(np.ceil((high - low) * reach / 0.75) + 1, 3, most))
+    count = int(np.clip(np.ceil((high - low) * reach / apart) + 1, 3, most))
     return tuple(float(period) for period in 1.0 / np.linspace(low, high, count))
 
 

@@ -28,7 +28,8 @@ from arl_fixtures.reconcile.effects_room import changes_in_room, looks_down, on_
 from arl_fixtures.reconcile.effects_room_beams import borders_in_line
 from arl_fixtures.reconcile.effects_room_borders import Borders
 from arl_fixtures.reconcile.effects_scene import Scene, gap_of, gaps_of, pixel_width, scene
-from arl_fixtures.reconcile.effects_still import both, scenes_shown
+from arl_fixtures.reconcile.effects_scenes import scenes_shown
+from arl_fixtures.reconcile.effects_still import both
 from arl_fixtures.reconcile.effects_sweep import along_sweep
 from arl_fixtures.reconcile.view import IntArray, View
 

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, pure_rows, signals
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column, turns_round
 from arl_fixtures.reconcile.effects_planes import directions, rays_of
-from arl_fixtures.reconcile.effects_room_beams import borders_in_line
+from arl_fixtures.reconcile.effects_room_beams import borders_in_line, is_one_beam, sees_one
 from arl_fixtures.reconcile.effects_room_borders import Borders, borders_between
 from arl_fixtures.reconcile.effects_room_places import places_and_rays
 from arl_fixtures.reconcile.effects_room_planes import (
@@ -132,7 +132,8 @@ def _make(view: View, sign: float) -> Room | None:
     first = rays[1][rays[0] >= 0]
     if not _FEWEST_RAYS <= first.size <= _MOST_RAYS:
         return None
-    direction, whole = everywhere[first], _of_one_surface(view)
+    borders = None if _has_grid(view) else borders_in_line(view, place)
+    direction, whole = everywhere[first], _of_one_surface(view, place, borders)
     targets, named = {}, {}
     for name in distances(view):
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -155,7 +156,7 @@ def _make(view: View, sign: float) -> Room | None:
     for name, target in targets.items():
         slope = planes_about(view, Rays(first, direction, near), target, named[name])
         if not slopes:
-            rival, fold = _edges(slope, direction, near)
+            rival, fold = _edges(slope, direction, near, np.isfinite(target))
             if _has_grid(view) and "mixed" in table.categories:
                 inside = _corner(slope, slope[rival], direction) < 0.5 * np.radians(pixel_width(view)[first])
                 fold = np.where(whole[first] & inside, 0.0, fold)  # it would see two surfaces, and sees one
@@ -165,10 +166,7 @@ def _make(view: View, sign: float) -> Room | None:
     with np.errstate(invalid="ignore", divide="ignore"):
         brighter = {signal: (of_ray[rival] / of_ray)[of_code[code]] for signal, of_ray in sent.items()}
     told = whole & known[code] & np.isfinite(on_named[:, 0])[of_code[code]] if dense else whole
-    borders = None
-    if not _has_grid(view):
-        borders = borders_in_line(view, place)
-    elif not dense:
+    if _has_grid(view) and not dense:
         about = {name: slope[first] for name, slope in slopes.items()}
         borders = borders_between(
             view, first, direction, place[first], about, sent, np.where(known[code], of_code[code], -1)
@@ -195,7 +193,9 @@ def looks_down(view: View) -> bool:
     return "elevation_deg" in view.columns.derived and "pixel_v" not in view.columns.numbers
 
 
-def _of_one_surface(view: View) -> NDArray[np.bool_]:
+def _of_one_surface(view: View, place: IntArray, borders: Borders | None) -> NDArray[np.bool_]:
+    if is_one_beam(view):
+        return sees_one(view, place) & (True if borders is None else ~borders.known)
     return pure_rows(view) if _has_grid(view) else np.ones(view.columns.n, dtype=bool)
 
 
@@ -230,15 +230,20 @@ def _sent_back(view: View, signal: str, rows: IntArray, slope: FloatArray, direc
         return np.asarray(light / sends_back(slope, direction))
 
 
-def _edges(slope: FloatArray, direction: FloatArray, near: IntArray) -> tuple[IntArray, FloatArray]:
-    """For each ray the neighbour whose plane it comes to first, and how the two planes meet (see `Room.fold`)."""
+def _edges(
+    slope: FloatArray, direction: FloatArray, near: IntArray, known: NDArray[np.bool_]
+) -> tuple[IntArray, FloatArray]:
+    """For each ray the neighbour whose plane it comes to first, and how the two planes meet (see `Room.fold`).
+
+    What a ray of two surfaces sees lies on no plane: of those that are not `known` none meets any.
+    """
     own = np.sum(slope * direction, axis=1)[:, None]
     theirs = np.einsum("nki,ni->nk", slope[near], direction)  # the neighbour's plane where the own ray goes
     there = np.sum(slope[near] * direction[near], axis=2)
     mine = np.einsum("ni,nki->nk", slope, direction[near])  # the own plane where the neighbour's ray goes
     front = (there > mine * (1.0 + FLAT)) & (theirs < own * (1.0 - FLAT))
     behind = (there < mine * (1.0 - FLAT)) & (theirs > own * (1.0 + FLAT))
-    meets = (front | behind) & (own > 0.0)  # what a ray of two surfaces sees lies on no plane
+    meets = (front | behind) & (own > 0.0) & known[near]
     away = np.where(meets, np.abs(theirs / np.where(own > 0.0, own, 1.0) - 1.0), np.inf)
     place = np.argmin(away, axis=1)
     rows = np.arange(own.size)

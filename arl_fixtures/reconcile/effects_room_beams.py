@@ -53,9 +53,11 @@ def borders_in_line(view: View, place: IntArray) -> Borders | None:
     Returns:
         None where beams do not lie in a line, where no signal tells shares, or where too few see two surfaces.
     """
-    if not view.varies("azimuth_deg") or (view.varies("elevation_deg") and not view.varies("pixel_v")):
-        return None
-    found = sides_along(view, both(place, view.columns.group("stage_angle_deg", "pixel_v")), "azimuth_deg")
+    found = None
+    if is_one_beam(view):
+        found = sides_along(view, place, "stage_angle_deg")
+    elif view.varies("azimuth_deg") and (view.varies("pixel_v") or not view.varies("elevation_deg")):
+        found = sides_along(view, both(place, view.columns.group("stage_angle_deg", "pixel_v")), "azimuth_deg")
     if found is None:
         return None
     known = found.of_both
@@ -74,6 +76,27 @@ def borders_in_line(view: View, place: IntArray) -> Borders | None:
     for side in (found.left, found.right):  # ranges that the simulation does not mix stay as they are
         kinds.append({n: spread(np.where(found.mean[n], one, 1.0)) for n, one in side.far.items()})
     return Borders(there, np.column_stack([turned, np.zeros_like(turned)]), spread(found.share), *kinds)
+
+
+def is_one_beam(view: View) -> bool:
+    """Whether one beam, without pixels, is turned by a stage: its line is what it sees at one angle after another."""
+    rays = ("azimuth_deg", "elevation_deg", "pixel_u", "pixel_v")
+    return view.varies("stage_angle_deg") and not any(map(view.varies, rays))
+
+
+def sees_one(view: View, place: IntArray) -> BoolArray:
+    """Rows of the whole table at which one beam that a stage turns sees one surface, as the jumps of its range tell.
+
+    Args:
+        view: of a table; place: where each row's sensor stands, as a number, (n,).
+    """
+    alone = np.ones(view.columns.n, dtype=bool)
+    far = view.columns.numbers[f"sim_{distances(view)[0]}"]
+    rows, of_row = _each_once(place, ray_column(view, "stage_angle_deg"), np.isfinite(far) & (far > 0.0))
+    if rows.size < _FEWEST:
+        return alone
+    pure = _Beams(view, rows, place[rows], ray_column(view, "stage_angle_deg")[rows], "stage_angle_deg").pure
+    return np.asarray(np.append(pure, True)[of_row])
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,9 +181,9 @@ class _Beams:
         self.place = place
         beside, apart = np.diff(line) == 0, np.diff(place)
         self.gap = float(np.median(apart[beside])) if beside.any() else 0.0
-        if axis != "azimuth_deg":
+        if axis.startswith("pixel_"):
             beside &= apart == 1.0
-        elif "pixel_u" in table.numbers:
+        elif axis == "azimuth_deg" and "pixel_u" in table.numbers:
             self.gap = float(np.median(pixel_width(view)))
             beside &= np.abs(np.diff(table.numbers["pixel_u"][rows])) == 1.0
         beside &= apart < _BESIDE * self.gap

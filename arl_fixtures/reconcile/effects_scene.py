@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from arl_fixtures.reconcile.effects_common import distances, per_table, pure_rows, signals
 from arl_fixtures.reconcile.effects_footprint import cells_of, with_edges
 from arl_fixtures.reconcile.effects_illumination import illumination, ray_column
-from arl_fixtures.reconcile.effects_still import BEYOND_DEG, both, scenes_shown, smooth_curves
+from arl_fixtures.reconcile.effects_scenes import scenes_shown
+from arl_fixtures.reconcile.effects_stepped import HOLE, with_jumps
+from arl_fixtures.reconcile.effects_still import BEYOND_DEG, both, smooth_curves
 from arl_fixtures.reconcile.effects_sweep import bend_of_sweeps
 from arl_fixtures.reconcile.view import View
 
@@ -126,6 +128,10 @@ def _make_scene(view: View) -> Scene | None:
             curves = cells.curves(curves, flat, step)
             allowed = np.fmax(_WORSE * np.abs(bend), _ROUGH * np.abs(weight))[cells.rows]
             patchy[cells.rows] = cells.scatter(weight) > allowed
+        if moving and not rays:
+            curves = with_edges(line, bearing, HOLE * gaps_of(line, bearing)[line], flat, curves, step)
+            curves, beside = with_jumps(line, bearing, flat, curves, step)
+            patchy &= ~beside
         patchy &= np.isfinite(bend)  # a sweep that lacks an angle tells nothing of what lies there
     return Scene(bearing, line, above, below, pitch, step, sign, patchy, upright, curves, still)
 

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effects_common import per_table
 from arl_fixtures.reconcile.effects_room_beams import Sides, sides_along
-from arl_fixtures.reconcile.effects_still import both, scenes_shown
+from arl_fixtures.reconcile.effects_scenes import scenes_shown
+from arl_fixtures.reconcile.effects_still import both
 from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]

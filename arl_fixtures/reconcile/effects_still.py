@@ -19,10 +19,8 @@ _DIGITS = 3.0
 """Distances of a scene are told apart by their logarithm in steps of `ALIKE` times so many."""
 
 
-def scenes_shown(view: View) -> IntArray:
+def scenes_before_still(view: View) -> IntArray:
     """Code of the scene that each row of the whole table belongs to; all 0 where there is but one.
-
-    A stage turns a sensor before one scene.
 
     A target on a rail, a board that is turned: the same pixel is simulated at another distance. Images in which all
     pixels keep their distances show the same scene. Where a pixel's distance changes within what the table tells to
@@ -30,7 +28,7 @@ def scenes_shown(view: View) -> IntArray:
     """
     table, none = view.columns, np.zeros(view.columns.n, dtype=np.int64)
     far = distances(view)
-    if not far or "pixel_u" not in table.numbers or view.varies("stage_angle_deg"):
+    if not far or "pixel_u" not in table.numbers:
         return none
     simulated = table.numbers[f"sim_{far[0]}"]
     good = np.isfinite(simulated) & (simulated > 0.0)

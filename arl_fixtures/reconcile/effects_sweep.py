@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effects_common import distances, per_table, per_view, signals
+from arl_fixtures.reconcile.effects_scenes import scenes_shown
+from arl_fixtures.reconcile.effects_still import both
 from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]
@@ -23,10 +25,10 @@ class Sweeps:
     """Simulated channels of every pixel over the stage angle.
 
     Attributes:
-        line: pixel of every row of the whole table.
+        line: pixel of every row of the whole table, and the scene it is shown.
         place: stage angle of every row, in steps from the first.
         step_deg: step of the sweep.
-        grids: channel to one row per pixel and one column per step; distances are weighted with the first signal.
+        grids: channel to one row per line and one column per step; distances are weighted with the first signal.
     """
 
     line: IntArray
@@ -49,7 +51,7 @@ def _make(view: View) -> Sweeps | None:
     step = float(np.median(np.diff(angles)))
     place = np.nan_to_num((stage - angles[0]) / step)
     width = int(np.rint(place.max())) + 1
-    line = table.group("dut", "pixel_u", "pixel_v")
+    line = both(table.group("dut", "pixel_u", "pixel_v"), scenes_shown(view))
     lines = int(line.max()) + 1
     if angles.size < 4 or width > 4 * angles.size or lines * width > 6_000_000:
         return None

@@ -9,6 +9,7 @@ import numpy as np
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.play import play_of
 from arl_fixtures.reconcile.roles import BEARING_SIGNS, FIELD_COLUMNS, HALF_TURN_DEG, PIXEL, Role
+from arl_fixtures.reconcile.seen_again import of_places
 from arl_fixtures.reconcile.view import View
 
 NEIGHBOURS = ((1, 0), (-1, 0), (0, 1), (0, -1))
@@ -59,10 +60,11 @@ def features_of(view: View) -> dict[str, FloatArray]:
             count = np.isfinite(stacked).sum(axis=0)
             if np.mean(count > 0) > 0.05:
                 mean = np.nansum(stacked, axis=0) / np.maximum(count, 1)
-                found[f"~edge({signal})"] = np.where(count > 0, mean / own - 1.0, np.nan)
+                found[f"~edge({signal})"] = of_places(view, signal, np.where(count > 0, mean / own - 1.0, np.nan))
         if view.varies("stage_angle_deg"):
             for steps in (-1, 1):
-                found[f"~sweep{steps:+d}({signal})"] = view.in_sweep(state, signal, steps=steps) / own - 1.0
+                beside = view.in_sweep(state, signal, steps=steps) / own - 1.0
+                found[f"~sweep{steps:+d}({signal})"] = of_places(view, signal, beside)
             found[f"~before({signal})"] = view.acquired_before(state, signal) / own - 1.0
             if view.varies("pixel_u"):
                 found[f"~frame({signal})"] = view.frame_mean(state, signal) / own

@@ -10,6 +10,7 @@ from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.simulated_noise import averages_noise
 from arl_fixtures.reconcile.terms import forward
 
 MOST_LEFT = 3.0
@@ -63,6 +64,8 @@ def robust_gain(problem: Problem, found: Fit, first: int, gain: float) -> float:
     if _places_won(won) < SPARE_ROWS and not _others_gain(won, 1):
         return 0.0  # what an effect does it does to more than one row: that one is wild, in all its channels
     if problem.view.varies("stage_angle_deg") and _hits_few_places(problem, found, first, change, residual):
+        return 0.0
+    if any(averages_noise(problem, term, whole, found.residual) for term in found.terms[first:]):
         return 0.0
     worst = np.inf
     groups = problem.groups

@@ -21,6 +21,10 @@ from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 MANY_PERIODS = 300
+_FEW_PERIODS, _LOOKS = 24, 600_000
+"""Periods from which a search starts at least, and at how many rows in all it may look up what they see."""
+_APART = 0.25
+"""Part of a cycle between them: a few edges, at the ends of a sweep, say more than all the rest of it."""
 FEWEST_PLACES = 8
 FEWEST_STEPS, MOST_STEPS, OF_STEPS = 2.5, 4.0, (12, 40)
 """Steps to the shortest period looked for, and to that of sweeps whose places are too few to tell so short a one from
@@ -57,8 +61,10 @@ class PeriodicError(Effect):
         if shortest >= 0.8 * longest:
             return
         for way in ways:
-            most = MANY_PERIODS if "channel" in way else 24  # without a scene to look up, a period costs nothing
-            starts = period_starts(shortest, longest, high - low, most=most)
+            most, apart = MANY_PERIODS, 0.75  # without a scene to look up, a period costs nothing
+            if "channel" not in way:
+                most, apart = int(np.clip(_LOOKS / view.columns.n, _FEW_PERIODS, MANY_PERIODS)), _APART
+            starts = period_starts(shortest, longest, high - low, most=most, apart=apart)
             yield Variant(
                 effect=self.id,
                 options=way,

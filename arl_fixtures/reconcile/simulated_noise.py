@@ -1,0 +1,48 @@
+"""Names that mix rows of a simulation with others only to average its noise.
+
+A simulation of counted photons has noise of its own. Where a scene is all alike, or as it is mirrored, what adds a
+row's neighbours to it leaves the scene and averages the noise: what was measured then fits better, with a share that
+has nothing to do with any light. The noise of one row is not that of another in which the same pixel saw the same at
+the same angle: there the change is another one, while the light of a neighbour would be the same.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.roles import PIXEL_COLUMNS
+from arl_fixtures.reconcile.seen_again import seen_again
+from arl_fixtures.reconcile.terms import Term
+
+_TESTED = 0.5
+"""Share of a change on rows of which there are others of the same place, to tell anything."""
+_TOLD = 0.25
+"""Share of a gain that the change in the other rows of the places must tell."""
+_FIXED = frozenset((*PIXEL_COLUMNS, "stage_angle_deg", "azimuth_deg", "elevation_deg", "surface"))
+
+
+def averages_noise(problem: Problem, term: Term, change: FloatArray, left: FloatArray) -> bool:
+    """Whether a term that mixes rows gains by what is not the same where the same is simulated again.
+
+    Args:
+        problem: rows with weights; term: at work.
+        change: of it, whitened, stacked rows, (n,); left: residual with it, (n,).
+    """
+    fixed = all(name in _FIXED or name.startswith("sim_") for name in term.variant.drivers)
+    if not (term.effect.mixes and fixed) or term.effect.id.startswith("acquisition."):
+        return False
+    found = [(*seen_again(problem.view, d.channel.name), d.use) for d in problem.data]
+    place = np.concatenate([at[use] * len(found) + k for k, (at, _, use) in enumerate(found)])
+    again = np.concatenate([same[use] for _, same, use in found])
+    count = np.bincount(place[again], minlength=int(place.max()) + 1)
+    total = np.bincount(place[again], change[again], minlength=count.size)
+    tested = again & (count[place] > 1)
+    own, before = change[tested], left[tested] + change[tested]
+    if float(own @ own) < _TESTED * float(change @ change):
+        return False
+    others = (total[place[tested]] - own) / (count[place[tested]] - 1)
+    gained = float(before @ own) - 0.5 * float(own @ own)
+    told = max(float(before @ others), 0.0) ** 2 / (2.0 * max(float(others @ others), 1e-300))
+    return gained > 0.0 and told < _TOLD * gained
