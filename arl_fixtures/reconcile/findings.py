@@ -9,6 +9,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.diagnosis import Alternative, Finding, HeldOut, ParameterValue
+from arl_fixtures.reconcile.effects_common import in_mm
 from arl_fixtures.reconcile.effects_encoder import STAGE
 from arl_fixtures.reconcile.finding_words import separating, size_of, statement, tidy
 from arl_fixtures.reconcile.fit import Fit
@@ -49,6 +50,12 @@ def named_finding(decision: Decision, index: int) -> Finding:
         law += "; of this change each unit has its strength"
         each = ", ".join(f"{unit} {value:.2f} times" for unit, (value, _) in term.strengths.named().items())
         sentence += f" Units differ: {each} this."
+    if term.answer is not None:
+        distance, signal = term.answer.distance, term.answer.signal
+        moved = decision.best.state[distance] - without.state[distance]
+        most = in_mm(float(np.nanmax(np.abs(moved))), distance)
+        law += f"; {distance} goes along its simulated curve over {signal}"
+        sentence += f" {distance} answers by up to {most:.2g} mm, as in the simulation where {signal} differs."
     return Finding(
         effect=effect.id, channels=channels, where=where, drivers=effect.drivers(term.variant, term.values, view),
         expression=law, source=effect.source, parameters=_parameters(decision, index),

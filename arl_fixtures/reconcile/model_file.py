@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal, Self
 
@@ -13,6 +14,7 @@ from ruamel.yaml import YAML
 from arl_fixtures.reconcile.columns import IntArray
 from arl_fixtures.reconcile.diagnosis import Diagnosis
 from arl_fixtures.reconcile.law import Axis, Law
+from arl_fixtures.reconcile.range_answer import Answer
 from arl_fixtures.reconcile.side_scatter import Side
 from arl_fixtures.reconcile.terms import Term, field_keys
 from arl_fixtures.reconcile.view import View
@@ -26,6 +28,23 @@ class FieldFile(FileModel):
 
     per: list[str]
     levels: list[list[str | float]]
+
+
+class AnswerFile(FileModel):
+    """What a distance answers to the light that an effect changes: a curve over the signal's natural logarithm."""
+
+    distance: str
+    signal: str
+    light: list[float] = Field(min_length=2)
+    range: list[float]
+
+    @model_validator(mode="after")
+    def _is_curve(self) -> Self:
+        if len(self.range) != len(self.light):
+            raise ValueError(f"{len(self.light)} points of the light have {len(self.range)} of the range")
+        if any(b <= a for a, b in pairwise(self.light)):
+            raise ValueError("the light of a curve does not ascend")
+        return self
 
 
 class EffectFile(FileModel):
@@ -43,6 +62,7 @@ class EffectFile(FileModel):
     drivers: list[str] = Field(default_factory=list)
     fields: dict[str, FieldFile] = Field(default_factory=dict)
     strengths: FieldFile | None = None
+    answer: AnswerFile | None = None
 
 
 class AxisFile(FileModel):
@@ -167,8 +187,16 @@ def _effect_file(term: Term) -> EffectFile:
     return EffectFile(
         effect=term.effect.id, options=dict(term.variant.options), values=term.values, fields=fields, strengths=each,
         only={term.unit_column: term.unit} if term.unit else {}, channels=list(term.variant.channels),
-        drivers=list(term.variant.drivers), scatters=term.side,
+        drivers=list(term.variant.drivers), scatters=term.side, answer=_answer_file(term.answer),
     )  # fmt: skip
+
+
+def _answer_file(answer: Answer | None) -> AnswerFile | None:
+    if answer is None:
+        return None
+    return AnswerFile(
+        distance=answer.distance, signal=answer.signal, light=list(answer.light), range=list(answer.range)
+    )
 
 
 def _field_file(per: tuple[str, ...], levels: dict[tuple[str, ...], float]) -> FieldFile:

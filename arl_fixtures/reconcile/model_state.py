@@ -16,8 +16,9 @@ from arl_fixtures.reconcile.effect import Parameter, State, Variant
 from arl_fixtures.reconcile.effects_encoder import STAGE
 from arl_fixtures.reconcile.features import category_id
 from arl_fixtures.reconcile.law import Axis, Law, LawTerm
-from arl_fixtures.reconcile.model_file import AxisFile, EffectFile, FieldFile, ModelFile, unit_keys
+from arl_fixtures.reconcile.model_file import AnswerFile, AxisFile, EffectFile, FieldFile, ModelFile, unit_keys
 from arl_fixtures.reconcile.play import play_of
+from arl_fixtures.reconcile.range_answer import Answer
 from arl_fixtures.reconcile.readings import smooth_readings
 from arl_fixtures.reconcile.roles import MADE_OF, played
 from arl_fixtures.reconcile.terms import Strengths, Term, forward
@@ -61,9 +62,14 @@ def terms_of(model: ModelFile, view: View, path: Path) -> list[Term]:
                 unit_column=column,
                 side=item.scatters,
                 strengths=None if item.strengths is None else _strengths_of(item.strengths),
+                answer=None if item.answer is None else _answer_of(item.answer),
             )
         )
     return terms
+
+
+def _answer_of(item: AnswerFile) -> Answer:
+    return Answer(distance=item.distance, signal=item.signal, light=tuple(item.light), range=tuple(item.range))
 
 
 def _levels_of(field: FieldFile) -> dict[tuple[str, ...], float]:

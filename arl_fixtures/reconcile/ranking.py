@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from arl_fixtures.reconcile.acceptance import PRICE, Ranked, acts_alone, worth
+from arl_fixtures.reconcile.answered import answered
 from arl_fixtures.reconcile.fit import Fit, finish, fit, within_reach
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.robust import robust_gain
@@ -27,6 +28,8 @@ CONFLICT = 4.0
 """Log-likelihood that an effect must gain before scatters are taken to move otherwise than its law says."""
 FAR_FETCHED = 6.0
 """Log-likelihood that it costs an effect to be of a size that hardly a part has, one in four hundred at most."""
+ANSWERED = 2.0
+"""Log-likelihood that a range's answer to the light must gain: it has no number of its own."""
 FREED = 8
 """Rounds of a fit in which scatters no longer hold an effect where they fit."""
 
@@ -49,7 +52,7 @@ def rank(full: Problem, small: Problem, base: Fit, candidates: Sequence[Candidat
         rough.append((gain, candidate, trial))
     rough.sort(key=lambda item: -item[0])
     rounds = 2 if small is full else 4
-    result = each(lambda one: _as_scatters_say(full, base, one[1], one[2].terms, rounds), rough[:POLISHED], known)
+    result = each(lambda one: _as_channels_say(full, base, one[1], one[2].terms, rounds), rough[:POLISHED], known)
     result.sort(key=lambda r: -r.gain)
     return result
 
@@ -72,6 +75,16 @@ def polished(full: Problem, base: Fit, candidate: Candidate, terms: tuple[Term, 
         robust = robust_gain(full, found, len(base.terms), max(gain, strict))
     apart = acts_alone(full, found.terms)
     return Ranked(candidate=candidate, fit=found, gain=gain, robust=robust, alone=apart)
+
+
+def _as_channels_say(full: Problem, base: Fit, candidate: Candidate, terms: tuple[Term, ...], rounds: int) -> Ranked:
+    """A candidate with what it does on the side: to scatters, and to ranges that answer to its light."""
+    best = _as_scatters_say(full, base, candidate, terms, rounds)
+    for term in answered(best.fit.terms[-1], full.view):
+        trial = polished(full, base, candidate, (*best.fit.terms[:-1], term), rounds=rounds)
+        if trial.gain > best.gain + ANSWERED:
+            best = trial
+    return best
 
 
 def _as_scatters_say(full: Problem, base: Fit, candidate: Candidate, terms: tuple[Term, ...], rounds: int) -> Ranked:

@@ -8,6 +8,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING
 
 from arl_fixtures.reconcile.acceptance import PATTERN_ODDS, TWIN_GAIN, evidence, is_repeat, worth
+from arl_fixtures.reconcile.answered import in_place_of_others
 from arl_fixtures.reconcile.fit import Fit, finish, fit
 from arl_fixtures.reconcile.misfit import is_misfit
 from arl_fixtures.reconcile.noise import scale_of
@@ -36,7 +37,7 @@ def settle(search: Search, chosen: Fit, stage: Stage) -> Fit:
         if worth(best, without) < PATTERN_ODDS * stage.threshold:
             return settle(search, without, stage) if len(rest) > 1 else without
         best = _swapped(search, best, rest, best.terms[index].label, stage)
-    return _as_one(search, best, stage)
+    return in_place_of_others(problem, _as_one(search, best, stage))
 
 
 def in_each_place(search: Search, best: Fit, stage: Stage) -> Fit:

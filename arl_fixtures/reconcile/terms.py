@@ -9,6 +9,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.columns import IntArray
 from arl_fixtures.reconcile.effect import Effect, FloatArray, Parameter, State, Variant
+from arl_fixtures.reconcile.range_answer import Answer
 from arl_fixtures.reconcile.side_scatter import Side, with_scatters
 from arl_fixtures.reconcile.view import View
 
@@ -50,6 +51,7 @@ class Term:
         fields: name of a field parameter to its values by level key.
         side: how scatters go along with what the effect does to means.
         strengths: in which units it does more or less; None where all are alike.
+        answer: what a distance answers to the light that the effect changes; None where it does not.
     """
 
     effect: Effect
@@ -60,6 +62,7 @@ class Term:
     fields: dict[str, dict[tuple[str, ...], float]] | None = None
     side: Side = Side.OWN
     strengths: Strengths | None = None
+    answer: Answer | None = None
 
     @property
     def label(self) -> str:
@@ -89,6 +92,8 @@ class Term:
         with np.errstate(all="ignore"):
             self.effect.apply(self.variant, values, after, view)
             after = with_scatters(self.side, state, after, view)
+            if self.answer is not None:
+                self.answer.to(state, after)
         inside = view.selects(self.unit_column, self.unit) if self.unit else None
         share = None if self.strengths is None else self.strengths.on_rows(view)
         for name, old in state.items():
