@@ -15,22 +15,22 @@ from arl_fixtures.reconcile.view import View
 
 
 def answered(term: Term, view: View) -> Iterator[Term]:
-    """The term with each distance that may answer to its light; none of one that acts on that distance, or behind."""
+    """The term with each distance that may answer to its light; none of one that acts on it by itself, or behind."""
     variant = term.variant
     if term.answer is not None or term.effect.kind is not Kind.MEAN or term.effect.stage >= Stage.TIMING:
         return
     for answer in answers(view):
-        if answer.signal in variant.channels and answer.distance not in variant.channels:
-            yield replace(
-                term, answer=answer, variant=replace(variant, channels=(*variant.channels, answer.distance))
-            )
+        pulled = term.effect.stage is Stage.TARGET  # where a pixel sees two surfaces: a comparator is no part of it
+        if answer.signal in variant.channels and (pulled or answer.distance not in variant.channels):
+            channels = dict.fromkeys((*variant.channels, answer.distance))
+            yield replace(term, answer=answer, variant=replace(variant, channels=tuple(channels)))
 
 
 def in_place_of_others(problem: Problem, best: Fit) -> Fit:
     """The fit with answers in the place of names that act on a distance alone, where they say as much."""
     for own in best.terms:
         for term in answered(own, problem.view):
-            distance = term.variant.channels[-1]
+            distance = "" if term.answer is None else term.answer.distance
             for other in best.terms:
                 if set(other.variant.channels) != {distance} or other.effect.stage is not Stage.TIMING:
                     continue

@@ -18,11 +18,15 @@ from arl_fixtures.reconcile.effects_surface import (
     mixed_rows,
     neighbours,
 )
+from arl_fixtures.reconcile.range_answer import answers
 from arl_fixtures.reconcile.roles import Role, per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 IntArray = NDArray[np.int64]
 _LOOKED_AT, _APART, _BETWEEN = 20_000, 0.02, 0.02
+_NEARER, _INSIDE = 0.8, 0.35
+"""Share of the distance to the own surface within which the mean by light must lie for it to be that; how far from a
+half a surface's share of a row's light may be for the row to tell."""
 _SAME, _CLOSER, _FEWEST, _LEAST = 1e-3, 0.5, 8, 0.05
 """Relative difference up to which two ranges are one; share of the distance to a row's own surface within which the
 mean by light must lie, rows that must say so, and what a row must see of the other surface to say it."""
@@ -31,6 +35,40 @@ mean by light must lie, rows that must say so, and what a row must see of the ot
 def pulled_channels(view: View) -> tuple[str, ...]:
     """Distances that move when one of two surfaces in a pixel gets brighter."""
     return tuple(name for name in distances(view) if _mixes_ranges(view, name)) if view.labels("surface") else ()
+
+
+def pulled_by(view: View, channel: str) -> tuple[str, ...]:
+    """Distances that move when one of two surfaces gets brighter; of a comparator those that are means by light."""
+    return means_by_light(view, channel) if answers(view) else pulled_channels(view)
+
+
+def means_by_light(view: View, channel: str) -> tuple[str, ...]:
+    """Distances whose simulation in mixed pixels is nearer to the mean by light of both surfaces than to one's own.
+
+    A threshold that the first of two echoes crosses has distances between both as well, and no light moves them so.
+    """
+    key = "means by light", channel
+    return per_table(view, key, lambda: tuple(n for n in pulled_channels(view) if _is_mean(view, n, channel)))
+
+
+def _is_mean(view: View, name: str, channel: str) -> bool:
+    whole = View(view.columns)
+    mixed, own = np.flatnonzero(mixed_rows(whole))[:_LOOKED_AT], np.full(whole.n, np.nan)
+    codes, labels = whole.codes("surface")
+    for index, label in enumerate(labels):
+        on = codes == index
+        if on[mixed].any():
+            own = np.where(on, light_share(whole, channel, label), own)
+    share = own[mixed]
+    centre, beyond, seen = (
+        x[mixed] for x in (at_centre(whole, name), beyond_border(whole, name), whole.number(f"sim_{name}"))
+    )
+    mean = share * centre + (1.0 - share) * beyond
+    with np.errstate(invalid="ignore"):
+        at = np.isfinite(mean) & (np.abs(beyond - centre) > _APART * np.abs(centre)) & (np.abs(0.5 - share) < _INSIDE)
+    if np.count_nonzero(at) < _FEWEST:
+        return False
+    return bool(np.median(np.abs(seen - mean)[at]) < _NEARER * np.median(np.abs(seen - centre)[at]))
 
 
 def pull_ranges(view: View, state: State, channel: str, surface: str, factor: FloatArray) -> None:
@@ -46,7 +84,7 @@ def pull_ranges(view: View, state: State, channel: str, surface: str, factor: Fl
         channel: signal that was multiplied; surface: whose light.
         factor: of the signal on every row.
     """
-    for name in pulled_channels(view) if is_seen(view, surface) else ():
+    for name in pulled_by(view, channel) if is_seen(view, surface) else ():
         at, there = per_view(view, ("pulled", channel, surface, name), partial(_pulled, view, channel, surface, name))
         if at.size:
             moved = state[name].copy()

@@ -51,7 +51,7 @@ class Answer:
             return
         with np.errstate(divide="ignore", invalid="ignore"):
             moved = self._at(np.log(after[self.signal])) - self._at(np.log(before[self.signal]))
-        after[self.distance] = before[self.distance] + np.where(np.isfinite(moved), moved, 0.0)
+        after[self.distance] = after[self.distance] + np.where(np.isfinite(moved), moved, 0.0)
 
     def _at(self, log: FloatArray) -> FloatArray:
         x, y = np.asarray(self.light), np.asarray(self.range)

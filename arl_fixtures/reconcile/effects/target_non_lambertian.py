@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Option, Parameter, Stage, Values, Variant
+from arl_fixtures.reconcile.effect import Option, Parameter, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_bounce import incidence_deg
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
@@ -20,6 +20,7 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
 )
 from arl_fixtures.reconcile.effects_oblique import seen_in_mixed
+from arl_fixtures.reconcile.effects_pulled import means_by_light, pull_ranges
 from arl_fixtures.reconcile.effects_surface import TOGETHER, light_share, surface_names, surfaces_of_a_kind
 from arl_fixtures.reconcile.effects_targets import before, rows_before, target_column
 from arl_fixtures.reconcile.pixel_calibration import calibrated_by_surface
@@ -56,6 +57,7 @@ class NonLambertian(LightFactor):
             column, targets = target_column(view)
             for surface in ("", *surfaces_of_a_kind(view), *surface_names(view, 4), *targets):
                 told: dict[str, Option] = {"column": column} if surface and column else {}
+                pulled = () if told or over else means_by_light(view, channel)
                 where = rows_before(column, surface) if told else {"surface": surface.split(TOGETHER)}
                 ways: tuple[tuple[dict[str, Option], tuple[Parameter, ...]], ...] = (
                     ({}, _ROUGH_AND_GLOSSY),
@@ -67,7 +69,7 @@ class NonLambertian(LightFactor):
                         effect=self.id,
                         options={"channel": channel, "surface": surface, **kind, **over, **told},
                         parameters=parameters,
-                        channels=light_channels(view, channel),
+                        channels=tuple(dict.fromkeys((*light_channels(view, channel), *pulled))),
                         drivers=drivers[:1] if view.varies("incidence_deg") else drivers,
                         where=where if surface else {},
                     )
@@ -90,6 +92,22 @@ class NonLambertian(LightFactor):
             mixed = sum((share * _excess(values, *_terms_of(angle)) for share, angle in parts), np.zeros(at.size))
             bright[at] = mixed if names else mixed + (1.0 - known) * bright[at]
         return np.maximum(1.0 + bright, 0.02)
+
+    def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
+        """Multiplies the light; a pixel that sees two surfaces ranges nearer to the brighter one."""
+        super().apply(variant, values, state, view)
+        if {"column", "fitted_over"} & set(variant.options):
+            return
+        surface, channel = str(variant.options["surface"]), str(variant.options["channel"])
+        if not set(means_by_light(view, channel)) & set(variant.channels):
+            return
+        at, seen = per_view(view, ("seen in mixed", channel), lambda: seen_in_mixed(view, channel))
+        for name in surface.split(TOGETHER) if surface else seen:
+            if name in seen:
+                share, angle = seen[name]
+                factor = np.ones(view.n)
+                factor[at] = np.maximum(1.0 + share * _excess(values, *_terms_of(angle)), 0.02)
+                pull_ranges(view, state, channel, name, factor)
 
     def _mean_on_surfaces(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """What a fit of each surface's reflectance to the recording took away; 0 on surfaces that were not in it."""

@@ -15,7 +15,7 @@ from arl_fixtures.reconcile.effects_common import (
     signals,
 )
 from arl_fixtures.reconcile.effects_panels import panel_shares, unnamed_panels
-from arl_fixtures.reconcile.effects_pulled import pull_ranges, pulled_channels
+from arl_fixtures.reconcile.effects_pulled import pull_ranges, pulled_by
 from arl_fixtures.reconcile.effects_surface import light_share, surface_names
 from arl_fixtures.reconcile.effects_targets import before, rows_before, target_column
 from arl_fixtures.reconcile.view import View
@@ -44,7 +44,7 @@ class ReflectanceError(LightFactor):
                     effect=self.id,
                     options={"channel": channel, "surface": surface},
                     parameters=(amplitude("error", "1", -0.9, 4.0, 0.02),),
-                    channels=tuple(dict.fromkeys((*light_channels(view, channel), *pulled_channels(view)))),
+                    channels=tuple(dict.fromkeys((*light_channels(view, channel), *pulled_by(view, channel)))),
                     drivers=("surface",),
                     where={"surface": [surface]},
                 )
