@@ -49,7 +49,7 @@ class LatentHeat(Effect):
                     effect=self.id,
                     options={"channel": channel.name, **options, **({"through": "film"} if through else {})},
                     parameters=(
-                        amplitude("latent", "K", 0.0, 200.0, 2.0),
+                        amplitude("latent", "K", 0.0, 200.0, 30.0),
                         shape("time_constant", record.unit, *tau),
                         shape("melting_point", "°C", -4.0, 4.0, 0.0),
                         *follow,
