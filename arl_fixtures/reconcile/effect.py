@@ -225,6 +225,10 @@ class Effect(ABC):
         """
         return ()
 
+    def aside(self, variant: Variant, view: View) -> Iterable[Variant]:
+        """The same way with what it does to other channels by the way, tried once the effect has been found by it."""
+        return ()
+
     @abstractmethod
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Forward operator: replace the arrays of `state` that the effect changes."""

@@ -195,7 +195,8 @@ def looks_down(view: View) -> bool:
 
 def _of_one_surface(view: View, place: IntArray, borders: Borders | None) -> NDArray[np.bool_]:
     if is_one_beam(view):
-        return sees_one(view, place) & (True if borders is None else ~borders.known)
+        alone = sees_one(view, place)
+        return alone if borders is None else alone & ~borders.known
     return pure_rows(view) if _has_grid(view) else np.ones(view.columns.n, dtype=bool)
 
 

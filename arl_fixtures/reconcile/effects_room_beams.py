@@ -87,16 +87,23 @@ def is_one_beam(view: View) -> bool:
 def sees_one(view: View, place: IntArray) -> BoolArray:
     """Rows of the whole table at which one beam that a stage turns sees one surface, as the jumps of its range tell.
 
+    A range between those of the angles before and after, and far from both, is that of none; and what lies between a
+    jump and a gap says nothing of how its surface leans. Where no light tells shares every range is a surface's: it
+    may be that of a narrow board.
+
     Args:
         view: of a table; place: where each row's sensor stands, as a number, (n,).
     """
-    alone = np.ones(view.columns.n, dtype=bool)
+    alone, angle = np.ones(view.columns.n, dtype=bool), ray_column(view, "stage_angle_deg")
     far = view.columns.numbers[f"sim_{distances(view)[0]}"]
-    rows, of_row = _each_once(place, ray_column(view, "stage_angle_deg"), np.isfinite(far) & (far > 0.0))
-    if rows.size < _FEWEST:
+    rows, of_row = _each_once(place, angle, np.isfinite(far) & (far > 0.0))
+    if rows.size < _FEWEST or not signals(view):
         return alone
-    pure = _Beams(view, rows, place[rows], ray_column(view, "stage_angle_deg")[rows], "stage_angle_deg").pure
-    return np.asarray(np.append(pure, True)[of_row])
+    beams = _Beams(view, rows, place[rows], angle[rows], "stage_angle_deg")
+    step = np.where(np.diff(beams.line) == 0, np.diff(np.log(far[rows])), 0.0)
+    before, after = np.concatenate([[0.0], step]), np.concatenate([step, [0.0]])
+    unsure = (before * after > 0.0) | ((before == 0.0) != (after == 0.0))
+    return np.asarray(np.append(beams.pure | ~unsure, True)[of_row])
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ that stay, or that follow the signal otherwise: what frames scatter must not dec
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from arl_fixtures.reconcile.acceptance import PRICE, Ranked, acts_alone, worth
@@ -16,11 +16,11 @@ from arl_fixtures.reconcile.fit import Fit, finish, fit, within_reach
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.robust import robust_gain
 from arl_fixtures.reconcile.roles import Role
-from arl_fixtures.reconcile.scores import Candidate
+from arl_fixtures.reconcile.scores import Candidate, starts_of
 from arl_fixtures.reconcile.shared_work import each
 from arl_fixtures.reconcile.side_scatter import Side
 from arl_fixtures.reconcile.small_problem import START_SHARES, steps_alike
-from arl_fixtures.reconcile.terms import Term, forward
+from arl_fixtures.reconcile.terms import Term, default_values, forward
 
 POLISHED = 6
 """Candidates that are fitted on all rows."""
@@ -78,13 +78,20 @@ def polished(full: Problem, base: Fit, candidate: Candidate, terms: tuple[Term, 
 
 
 def _as_channels_say(full: Problem, base: Fit, candidate: Candidate, terms: tuple[Term, ...], rounds: int) -> Ranked:
-    """A candidate with what it does on the side: to scatters, and to ranges that answer to its light."""
+    """A candidate with what it does on the side: to scatters, to ranges that answer to its light, or as it says."""
     best = _as_scatters_say(full, base, candidate, terms, rounds)
-    for term in answered(best.fit.terms[-1], full.view):
+    for term in (*answered(best.fit.terms[-1], full.view), *_aside(best.fit.terms[-1], full)):
         trial = polished(full, base, candidate, (*best.fit.terms[:-1], term), rounds=rounds)
         if trial.gain > best.gain + ANSWERED:
             best = trial
     return best
+
+
+def _aside(term: Term, full: Problem) -> Iterator[Term]:
+    """The term in the ways that its effect knows besides (`Effect.aside`), from each of their starts."""
+    for variant in term.effect.aside(term.variant, full.view):
+        for shapes in starts_of(variant):
+            yield replace(term, variant=variant, values={**default_values(variant), **shapes, **term.values})
 
 
 def _as_scatters_say(full: Problem, base: Fit, candidate: Candidate, terms: tuple[Term, ...], rounds: int) -> Ranked:

@@ -11,6 +11,7 @@ from arl_fixtures.reconcile.view import View
 
 _SAME = 0.03
 """Relative difference of what is simulated for a pixel at one angle up to which it is the same scene."""
+_ROUNDING = 1e-9
 _PLACE = ("dut", "pixel_u", "pixel_v", "stage_angle_deg", "surface")
 
 
@@ -42,5 +43,6 @@ def of_places(view: View, channel: str, values: FloatArray) -> FloatArray:
     place, again = seen_again(view, channel)
     known = again & np.isfinite(values)
     count = np.bincount(place[known], minlength=int(place.max()) + 1)
-    mean = np.bincount(place[known], values[known], count.size) / np.maximum(count, 1)
-    return np.asarray(np.where(known, mean[place], values))
+    mean = (np.bincount(place[known], values[known], count.size) / np.maximum(count, 1))[place]
+    noisy = known & (np.abs(values - mean) > _ROUNDING * (1.0 + np.abs(mean)))  # ties stay ties
+    return np.asarray(np.where(noisy, mean, values))

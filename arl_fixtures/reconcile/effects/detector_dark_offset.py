@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
-from arl_fixtures.reconcile.effect import Effect, Option, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effect import Effect, Option, Parameter, Stage, State, Values, Variant
 from arl_fixtures.reconcile.effects_avalanche import bias_column, breakdown, light_column, multiplication
 from arl_fixtures.reconcile.effects_common import (
     FloatArray,
     above,
     add_noise,
     amplitude,
+    distances,
     exposure_column,
     light_channels,
     noise_law,
@@ -24,7 +26,7 @@ from arl_fixtures.reconcile.effects_common import (
     top_signal,
 )
 from arl_fixtures.reconcile.effects_counting import counts_photons
-from arl_fixtures.reconcile.roles import unit_of
+from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 MOST_DARK = 20.0
@@ -41,6 +43,7 @@ class DarkOffset(Effect):
     (1 − V²/V_b²), or by what the simulated signal is of the light that was logged. Where exposures or an amplifier's
     gain vary, also in proportion to them. Of what counts photons for sure also as what fires cells that light would
     have fired: I += (cells − I) · (1 − exp(−dark / cells)), for cells · (1 − exp(−light / cells)) counts of light.
+    Where a distance is a mean of times, dark counts pull it by their part of all, to where their own mean lies.
     """
 
     id = "detector.dark_offset"
@@ -102,6 +105,21 @@ class DarkOffset(Effect):
                     ),
                 )
 
+    def aside(self, variant: Variant, view: View) -> Iterable[Variant]:
+        """Dark counts about the pulse, which a centroid counts in: their mean and their width are not its own."""
+        for name in distances(view) if "pulls" not in variant.options else ():
+            metre, unit, scatter = per_metre(unit_of(name)), unit_of(name), f"{name}_std"
+            behind = amplitude("behind", unit, -20.0 * metre, 20.0 * metre, 0.05 * metre)
+            about = amplitude("about", f"{unit}^2", 0.0, 400.0 * metre**2, 0.01 * metre**2)
+            first = sum(p.is_amplitude for p in variant.parameters)
+            ways: tuple[tuple[Parameter, ...], ...] = ((behind,), (behind, about))
+            for own in ways if view.has(f"sim_{scatter}") else ways[:1]:
+                channels = (*variant.channels, name, *((scatter,) if about in own else ()))
+                yield replace(
+                    variant, options={**variant.options, "pulls": name}, channels=tuple(dict.fromkeys(channels)),
+                    parameters=(*variant.parameters[:first], *own, *variant.parameters[first:]),
+                )  # fmt: skip
+
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Adds counts, and their shot noise to the scatter."""
         channel, column = str(variant.options["channel"]), str(variant.options["temperature"])
@@ -126,6 +144,14 @@ class DarkOffset(Effect):
         shot = float(values.get("shot", variant.options.get("shot", 0.0)))
         add_noise(view, state, channel, shot * added)  # before the counts: they time nothing
         state[channel] = state[channel] + added
+        if "pulls" in variant.options:
+            name = str(variant.options["pulls"])
+            with np.errstate(invalid="ignore", divide="ignore"):
+                part = np.clip(added / state[channel], 0.0, 1.0)
+                wider = float(values.get("about", 0.0)) * part / state[channel]
+            state[name] = state[name] + np.nan_to_num(part) * float(values["behind"])
+            if "about" in values and f"{name}_std" in state:
+                state[f"{name}_std"] = np.sqrt(state[f"{name}_std"] ** 2 + np.nan_to_num(wider))
 
     def expression(self, variant: Variant) -> str:
         """The law."""
@@ -142,6 +168,8 @@ class DarkOffset(Effect):
             law += f" * {gain}, over that at {variant.options['highest_bias']} V"
         elif "counter" in variant.options:
             law = f"{channel} += (cells - {channel}) * (1 - exp(-dark{grown} / cells))"
+        if "pulls" in variant.options:
+            law += f"; {variant.options['pulls']} += behind * (added / {channel}), its variance by about"
         return f"{law}; {channel}_std^2 += shot * added"
 
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
