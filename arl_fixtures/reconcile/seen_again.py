@@ -39,10 +39,12 @@ def _seen_again(view: View, channel: str) -> tuple[IntArray, NDArray[np.bool_]]:
 
 
 def of_places(view: View, channel: str, values: FloatArray) -> FloatArray:
-    """Values on rows under work, as their mean over the rows that see the same: less of the simulation's noise."""
+    """Ratios on rows under work, as their mean over the rows that see the same: less of the simulation's noise."""
     place, again = seen_again(view, channel)
     known = again & np.isfinite(values)
     count = np.bincount(place[known], minlength=int(place.max()) + 1)
     mean = (np.bincount(place[known], values[known], count.size) / np.maximum(count, 1))[place]
-    noisy = known & (np.abs(values - mean) > _ROUNDING * (1.0 + np.abs(mean)))  # ties stay ties
-    return np.asarray(np.where(noisy, mean, values))
+    most = np.zeros(count.size)
+    np.maximum.at(most, place[known], np.abs(values - mean)[known])
+    noise = (most > _ROUNDING) & (most < 2.0 * _SAME)  # ties stay ties; a neighbour that is missing changes more
+    return np.asarray(np.where(known & noise[place], mean, values))
