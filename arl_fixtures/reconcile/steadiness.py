@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from arl_fixtures.reconcile.cells import within_cells
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
-from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.effect import Stage, State
+from arl_fixtures.reconcile.effects_common import pure_rows
 from arl_fixtures.reconcile.noise import fit_tau
 from arl_fixtures.reconcile.own_driver import cells_of, driven_by
 from arl_fixtures.reconcile.pilot import Looker
@@ -44,6 +45,8 @@ FEWEST_IMAGES = 12
 """Images beyond one in each bin from which their own scatter is known."""
 STAYS, AGAIN = 0.8, 0.5
 """Share of a change's variance that what rays see must tell where it stays, and most places a row for that."""
+LEAST_PURE, OF_PURE = 0.3, 0.15
+"""Share of the rows that see one surface from which a clock's error must show in these, and share of its change."""
 CALM, LEAST_CALM = 0.02, 0.25
 """Part of the most that weather or edges change up to which a row is free of them, and share of rows that must be."""
 
@@ -85,6 +88,8 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
     change = [d.whiten(d.expect * (full[d.channel.name] - rest[d.channel.name])[d.use]) for d in acting]
     if _displaces(term) and not _stays(change, acting, place):
         return False
+    if _acts_in_mixed(term, acting, change, problem):
+        return True
     clear = [not _overshadowed(d, c, rest, problem) for d, c in zip(acting, change, strict=True)]
     if any(clear):
         acting, change = list(compress(acting, clear)), list(compress(change, clear))
@@ -103,6 +108,22 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
             change = [within_cells(c, cell[d.use]) for c, d in zip(change, acting, strict=True)]
             left = [within_cells(x, cell[d.use]) for x, d in zip(left, acting, strict=True)]
     return _moves(looker, term, acting, change, left, place)
+
+
+def _acts_in_mixed(
+    term: Term, acting: Sequence[ChannelData], change: Sequence[FloatArray], problem: Problem
+) -> bool:
+    """Whether an error of the clock that times all pulses acts on hardly any row that sees one surface.
+
+    Pixels of two surfaces have ranges that no other has. A wave over the range then bends what they alone show.
+    """
+    if term.effect.stage is not Stage.TIMING or term.effect.at_borders:
+        return False
+    pure = pure_rows(problem.view)[problem.view.rows]
+    one = [pure[d.use] for d in acting]
+    power = sum(float(c @ c) for c in change)
+    of_pure = sum(float(c[p] @ c[p]) for c, p in zip(change, one, strict=True))
+    return float(np.mean(np.concatenate(one))) > LEAST_PURE and of_pure < OF_PURE * power
 
 
 def _stays(change: Sequence[FloatArray], acting: Sequence[ChannelData], place: IntArray | None) -> bool:
