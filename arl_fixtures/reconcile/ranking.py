@@ -21,6 +21,7 @@ from arl_fixtures.reconcile.shared_work import each
 from arl_fixtures.reconcile.side_scatter import Side
 from arl_fixtures.reconcile.small_problem import START_SHARES, steps_alike
 from arl_fixtures.reconcile.terms import Term, default_values, forward
+from arl_fixtures.reconcile.view import View
 
 POLISHED = 6
 """Candidates that are fitted on all rows."""
@@ -29,7 +30,7 @@ CONFLICT = 4.0
 FAR_FETCHED = 6.0
 """Log-likelihood that it costs an effect to be of a size that hardly a part has, one in four hundred at most."""
 ANSWERED = 2.0
-"""Log-likelihood that a range's answer to the light must gain: it has no number of its own."""
+"""Log-likelihood, its parameters paid, that what an effect does on the side must gain."""
 FREED = 8
 """Rounds of a fit in which scatters no longer hold an effect where they fit."""
 
@@ -80,16 +81,17 @@ def polished(full: Problem, base: Fit, candidate: Candidate, terms: tuple[Term, 
 def _as_channels_say(full: Problem, base: Fit, candidate: Candidate, terms: tuple[Term, ...], rounds: int) -> Ranked:
     """A candidate with what it does on the side: to scatters, to ranges that answer to its light, or as it says."""
     best = _as_scatters_say(full, base, candidate, terms, rounds)
-    for term in (*answered(best.fit.terms[-1], full.view), *_aside(best.fit.terms[-1], full)):
-        trial = polished(full, base, candidate, (*best.fit.terms[:-1], term), rounds=rounds)
-        if trial.gain > best.gain + ANSWERED:
-            best = trial
+    for ways in (_aside, answered):
+        for term in ways(best.fit.terms[-1], full.view):
+            trial = polished(full, base, candidate, (*best.fit.terms[:-1], term), rounds=rounds)
+            if trial.gain > best.gain + ANSWERED:
+                best = trial
     return best
 
 
-def _aside(term: Term, full: Problem) -> Iterator[Term]:
+def _aside(term: Term, view: View) -> Iterator[Term]:
     """The term in the ways that its effect knows besides (`Effect.aside`), from each of their starts."""
-    for variant in term.effect.aside(term.variant, full.view):
+    for variant in term.effect.aside(term.variant, view):
         for shapes in starts_of(variant):
             yield replace(term, variant=variant, values={**default_values(variant), **shapes, **term.values})
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import json
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +33,8 @@ class Crosstalk(Effect):
 
     Where both leak, the ones of the column may by `across` of what those of the row do.
 
-    What leaks is charge, or the pulse itself: then the distance is the mean of all that arrives by its light.
+    What leaks is charge, or the pulse itself: then the distance is the mean of all that arrives by its light. At the
+    ends of the array it may leak into what nobody reads.
     """
 
     id = "detector.crosstalk"
@@ -60,6 +63,12 @@ class Crosstalk(Effect):
                     drivers=("pixel_u", "pixel_v"),
                 )
 
+    def aside(self, variant: Variant, view: View) -> Iterable[Variant]:
+        """Pixels at the ends of the array that leak into what nobody reads (dummy pixels, the substrate)."""
+        if "ends" not in variant.options:
+            spans = [view.span(name) if view.varies(name) else (0.0, 0.0) for name in ("pixel_u", "pixel_v")]
+            yield replace(variant, options={**variant.options, "ends": json.dumps(spans)})
+
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Neighbours that neither the table holds nor the known scene shows give and take nothing."""
         channel, shifts = str(variant.options["channel"]), _NEIGHBOURS[str(variant.options["direction"])]
@@ -73,6 +82,8 @@ class Crosstalk(Effect):
             unseen = _unseen(view, du, dv, lacking) if lacking.any() else None  # of a table that holds some pixels
             if unseen is not None:
                 other = np.where(lacking, own * unseen[0], other)
+            if "ends" in variant.options:
+                other = np.where(_beyond(view, str(variant.options["ends"]), du, dv), 0.0, other)
             part = float(values["across"]) if dv and "across" in values else 1.0
             leak = leak + part * np.nan_to_num(other - own)
             for distance in far:
@@ -118,6 +129,16 @@ class Crosstalk(Effect):
             "pixel's "
             "direct neighbours, blur of the optics changes with the focus, glare reaches far."
         )
+
+
+def _beyond(view: View, ends: str, du: int, dv: int) -> BoolArray:
+    """Rows whose neighbour lies beyond the array, of which the first and last columns and rows are known."""
+    outside = np.zeros(view.n, dtype=bool)
+    for name, step, (first, last) in zip(("pixel_u", "pixel_v"), (du, dv), json.loads(ends), strict=True):
+        if step:
+            there = view.number(name) + step
+            outside |= (there < first) | (there > last)
+    return outside
 
 
 def _unseen(view: View, du: int, dv: int, lacking: BoolArray) -> tuple[FloatArray, FloatArray] | None:
