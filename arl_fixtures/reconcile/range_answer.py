@@ -22,13 +22,13 @@ from arl_fixtures.reconcile.view import View
 
 _KNOTS, _FEWEST = 24, 12
 """Points of a curve at most, and rows for each at least."""
-_CLEAR = 5.0
-"""How many times its rows' scatter about it a curve must span."""
+_LEAST_M, _CLEAR = 1e-4, 5.0
+"""What a curve must span: in metres, and how many times its rows' scatter about it."""
 _RATHER = 0.5
 """Share of what a curve over the range leaves, up to which one over the signal may leave: dim surfaces lie far."""
 _FALLS, _WINDS = 0.1, 1.3
-"""Share of its span by which a curve over the signal may rise, and of how far one over the range goes up and down in
-all from which it is none: each of a few targets has its range."""
+"""Share of its span by which a curve over the signal may rise; and how much farther one over the range must go up and
+down than it comes to be none: each of a few targets has its range."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +71,8 @@ def _answers(view: View) -> tuple[Answer, ...]:
         return ()
     found = []
     for distance in distances(view):
-        true = simulated_range_m(view) * per_metre(unit_of(distance))
+        metre = per_metre(unit_of(distance))
+        true = simulated_range_m(view) * metre
         late = table.numbers[f"sim_{distance}"] - true
         for signal in signals(view):
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -79,10 +80,11 @@ def _answers(view: View) -> tuple[Answer, ...]:
             good = pure_rows(view) & np.isfinite(late) & np.isfinite(light) & np.isfinite(true)
             at, by, left = _curve(light[good], late[good])
             _, over_range, rest = _curve(true[good], late[good])
-            if at.size < 2 or np.ptp(by) <= _CLEAR * left or np.sum(np.diff(by).clip(0.0)) > _FALLS * np.ptp(by):
+            span = float(np.ptp(by)) if at.size > 1 else 0.0
+            if span <= max(_CLEAR * left, _LEAST_M * metre) or np.sum(np.diff(by).clip(0.0)) > _FALLS * span:
                 continue
-            winds = np.sum(np.abs(np.diff(over_range))) > _WINDS * np.ptp(over_range)
-            if left < _RATHER * rest or winds:
+            steps = np.diff(over_range)
+            if left < _RATHER * rest or np.sum(np.abs(steps)) > _WINDS * abs(np.sum(steps)):
                 found.append(Answer(distance=distance, signal=signal, light=_numbers(at), range=_numbers(by)))
     return tuple(found)
 

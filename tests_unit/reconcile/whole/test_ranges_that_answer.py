@@ -78,3 +78,13 @@ def test_a_simulation_tells_its_walk(walks):
         found[0].to(before, after)
         expected = np.diff(np.interp([before[LIGHT], after[LIGHT]], LADDER, CROSSED), axis=0)[0]
         assert after[FAR] == pytest.approx(expected, rel=0.15)
+
+
+def test_panels_at_one_range_tell_the_walk_as_well():
+    columns, _ = bench()
+    one = columns["true_range_m"] == 2.2
+    few = {name: np.tile(values[one], 4) for name, values in columns.items()}
+    height = np.repeat([60.0, 300.0, 1200.0, 4000.0], np.count_nonzero(one))
+    few |= {f"sim_{LIGHT}": height, f"sim_{FAR}": 2.2 + np.interp(height, LADDER, CROSSED)}
+    (found,) = answers(View(columns_of(few)))
+    assert np.diff(found.range).max() < 0.0
