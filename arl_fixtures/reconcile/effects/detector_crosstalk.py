@@ -103,6 +103,7 @@ class Crosstalk(Effect):
         channel = variant.options["channel"]
         pulled = "; distance += share * sum(" if variant.options.get("leaks") == "pulse" else ""
         pulled += f"{channel}[neighbours] * (distance[neighbours] - distance)) / {channel}" if pulled else ""
+        pulled += f"; {channel} = 0 beyond the array" if "ends" in variant.options else ""
         if variant.options["direction"] == "uneven":
             told = f"{channel}[row neighbours] + across * {channel}[column neighbours]"
             return f"{channel} += share * sum({told} - (1 + across) * {channel}){pulled}"
@@ -120,6 +121,8 @@ class Crosstalk(Effect):
         further = ""
         if "across" in values:
             further = f", {values['across'] * values['share'] * 100:.2f} % into each of its column neighbours"
+        if "ends" in variant.options:
+            further += ", beyond the ends of the array as well"
         return f"A pixel leaks {values['share'] * 100:.2f} % of its signal into each of {direction}{further}."
 
     def next_experiment(self, variant: Variant) -> str:

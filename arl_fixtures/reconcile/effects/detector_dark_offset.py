@@ -17,6 +17,7 @@ from arl_fixtures.reconcile.effects_common import (
     amplitude,
     distances,
     exposure_column,
+    in_mm,
     light_channels,
     noise_law,
     rounded,
@@ -175,12 +176,15 @@ class DarkOffset(Effect):
     def sentence(self, variant: Variant, values: Values, view: View) -> str:
         """Counts at the hottest, doubling."""
         channel, column = str(variant.options["channel"]), str(variant.options["temperature"])
+        pulled = ""
+        if "pulls" in variant.options:
+            name = str(variant.options["pulls"])
+            pulled = f" Its mean time is {in_mm(float(values['behind']), name):.3g} mm behind the pulse's in {name}."
         if not column:
-            return f"A dark signal adds {values['dark']:.3g} {unit_of(channel)} everywhere."
+            return f"A dark signal adds {values['dark']:.3g} {unit_of(channel)} everywhere.{pulled}"
         return (
             f"A dark signal adds {values['dark']:.3g} {unit_of(channel)} at {variant.options['highest']:.0f} °C of "
-            f"{column}, "
-            f"doubling every {values['doubling']:.1f} K."
+            f"{column}, doubling every {values['doubling']:.1f} K.{pulled}"
         )
 
     def next_experiment(self, variant: Variant) -> str:
