@@ -112,7 +112,7 @@ def all_variants(
                 as_the_table_says(v, problem.view) for v in effect.variants(problem.view) if names & set(v.channels)
             ]
             variants = [v for v in variants if not any(p.per for p in v.parameters) and "group" not in v.options]
-            for variant in variants:
+            for variant in [*variants, *(a for v in variants for a in effect.aside(v, problem.view))]:
                 term = Term(effect=effect, variant=variant, values=default_values(variant, amplitude=0.1))
                 forward([term], problem.view)
         except Exception as error:

@@ -66,7 +66,7 @@ class Crosstalk(Effect):
     def aside(self, variant: Variant, view: View) -> Iterable[Variant]:
         """Pixels at the ends of the array that leak into what nobody reads (dummy pixels, the substrate)."""
         if "ends" not in variant.options:
-            spans = [view.span(name) if view.varies(name) else (0.0, 0.0) for name in ("pixel_u", "pixel_v")]
+            spans = {name: view.span(name) for name in ("pixel_u", "pixel_v") if view.varies(name)}
             yield replace(variant, options={**variant.options, "ends": json.dumps(spans)})
 
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
@@ -137,10 +137,10 @@ class Crosstalk(Effect):
 def _beyond(view: View, ends: str, du: int, dv: int) -> BoolArray:
     """Rows whose neighbour lies beyond the array, of which the first and last columns and rows are known."""
     outside = np.zeros(view.n, dtype=bool)
-    for name, step, (first, last) in zip(("pixel_u", "pixel_v"), (du, dv), json.loads(ends), strict=True):
-        if step:
-            there = view.number(name) + step
-            outside |= (there < first) | (there > last)
+    step = {"pixel_u": du, "pixel_v": dv}
+    for name, (first, last) in json.loads(ends).items():
+        there = view.number(name) + step[name]
+        outside |= (step[name] != 0) & ((there < first) | (there > last))
     return outside
 
 

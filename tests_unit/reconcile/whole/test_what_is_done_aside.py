@@ -2,8 +2,11 @@
 
 import numpy as np
 
+from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.reconcile import diagnose
+from arl_fixtures.reconcile.terms import Term, forward
+from arl_fixtures.reconcile.view import View
 from tests_unit.reconcile.whole.test_seldom_names import columns_of
 
 LIGHT, FAR = "intensity_counts", "distance_m"
@@ -47,6 +50,20 @@ def test_charge_that_stays_in_the_array_is_found_as_well():
     findings = diagnose(leaking_array(0.004, dummies=False))[0].findings
     assert [found.effect for found in findings] == ["detector.crosstalk"]
     assert "ends" not in findings[0].terms[0].variant.options
+
+
+def test_a_line_of_pixels_has_ends_along_itself_only():
+    columns = leaking_array(0.004, dummies=False)
+    line = {name: values[columns.numbers["pixel_v"] == 4.0] for name, values in columns.numbers.items()}
+    view = View(columns_of({name: values for name, values in line.items() if name != "pixel_v"}))
+    variant = next(iter(library()["detector.crosstalk"].variants(view)))
+    (aside,) = library()["detector.crosstalk"].aside(variant, view)
+    term = Term(effect=library()["detector.crosstalk"], variant=aside, values={"share": 0.01})
+    lost = view.sim[LIGHT] - forward([term], view)[LIGHT]
+    plain = view.sim[LIGHT] - forward([Term(effect=term.effect, variant=variant, values=term.values)], view)[LIGHT]
+    at_end = np.isin(view.number("pixel_u"), [0.0, COLUMNS - 1.0])
+    np.testing.assert_allclose((lost - plain)[at_end], 0.01 * view.sim[LIGHT][at_end])
+    assert not np.any((lost - plain)[~at_end])
 
 
 BIN_M, BINS, PULSE_M, FRAMES = 0.05, 24, 0.08, 200
