@@ -20,6 +20,8 @@ from arl_fixtures.reconcile.effects_common import distances, per_table, pure_row
 from arl_fixtures.reconcile.roles import per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
+_BEYOND = 0.5
+"""How far beyond its ends, in the logarithm of the signal, a curve goes on: no simulation shows what comes there."""
 _KNOTS, _FEWEST = 24, 12
 """Points of a curve at most, and rows for each at least."""
 _LEAST_M, _CLEAR = 1e-4, 5.0
@@ -33,7 +35,7 @@ down than it comes to be none: each of a few targets has its range."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """A distance over the logarithm of a signal, straight between points and beyond them.
+    """A distance over the logarithm of a signal, straight between points and a little beyond them.
 
     Attributes:
         distance, signal: channels.
@@ -56,7 +58,8 @@ class Answer:
     def _at(self, log: FloatArray) -> FloatArray:
         x, y = np.asarray(self.light), np.asarray(self.range)
         low, high = (float((y[b] - y[a]) / (x[b] - x[a])) for a, b in ((0, 1), (-2, -1)))
-        outside = low * np.minimum(log - x[0], 0.0) + high * np.maximum(log - x[-1], 0.0)
+        beyond = np.clip(log - x[0], -_BEYOND, 0.0), np.clip(log - x[-1], 0.0, _BEYOND)
+        outside = low * beyond[0] + high * beyond[1]
         return np.asarray(np.interp(log, x, y) + outside)
 
 

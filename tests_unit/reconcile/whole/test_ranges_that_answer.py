@@ -88,3 +88,11 @@ def test_panels_at_one_range_tell_the_walk_as_well():
     few |= {f"sim_{LIGHT}": height, f"sim_{FAR}": 2.2 + np.interp(height, LADDER, CROSSED)}
     (found,) = answers(View(columns_of(few)))
     assert np.diff(found.range).max() < 0.0
+
+
+def test_a_curve_does_not_go_on_to_where_no_light_was_simulated():
+    """Light that an effect takes to nothing in rows never seen moves their range by what the curve spans at most."""
+    (found,) = answers(View(table()))
+    before, after = ({LIGHT: np.array([light]), FAR: np.zeros(1)} for light in (300.0, 1e-3))
+    found.to(before, after)
+    assert 0.0 < after[FAR][0] < 1.5 * np.ptp(found.range)
