@@ -30,9 +30,10 @@ def in_place_of_others(problem: Problem, best: Fit) -> Fit:
     """The fit with answers in the place of names that act on a distance alone, where they say as much."""
     for own in best.terms:
         for term in answered(own, problem.view):
-            distance = "" if term.answer is None else term.answer.distance
             for other in best.terms:
-                if set(other.variant.channels) != {distance} or other.effect.stage is not Stage.TIMING:
+                if term.answer is None or set(other.variant.channels) != {term.answer.distance}:
+                    continue
+                if other.effect.stage is not Stage.TIMING:
                     continue
                 terms = tuple(term if t is own else t for t in best.terms if t is not other)
                 trial = finish(problem, fit(problem, terms, rounds=4))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effects_common import distances, per_table, signals
-from arl_fixtures.reconcile.effects_still import apart, both, scenes_before_still
+from arl_fixtures.reconcile.effects_still import apart, both, centred, scenes_before_still
 from arl_fixtures.reconcile.view import View
 
 _MOVED, _PAINTED = 0.01, 0.05
@@ -47,9 +47,9 @@ def _scenes_swept(view: View) -> IntArray:
         good = np.isfinite(simulated) & (simulated > 0.0)
         if not good.any():
             continue
-        log = _centred(ray, np.log(np.where(good, simulated, 1.0)), good)
+        log = centred(ray, np.log(np.where(good, simulated, 1.0)), good)
         if name in signals(view):
-            log = _centred(both(found, sweep), log, good)
+            log = centred(both(found, sweep), log, good)
         if apart(both(found, ray), log, good) <= limit:
             continue
         for code in _told(view, sweep, log, good):
@@ -73,10 +73,3 @@ def _told(view: View, sweep: IntArray, log: FloatArray, good: NDArray[np.bool_])
     beside = (np.diff(sweep[rows]) == 0) & (np.diff(ray[rows]) == 0)
     if np.sum(np.abs(np.diff(log[rows]))[beside]) < _SMOOTH * np.sum(np.abs(log[rows][1:])[beside]):
         yield sweep
-
-
-def _centred(code: IntArray, values: FloatArray, good: NDArray[np.bool_]) -> FloatArray:
-    """Values less their mean within each group."""
-    count = int(code.max()) + 1
-    mean = np.bincount(code[good], values[good], count) / np.maximum(np.bincount(code[good], minlength=count), 1)
-    return np.asarray(values - mean[code])

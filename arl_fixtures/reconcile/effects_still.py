@@ -72,6 +72,13 @@ def apart(code: IntArray, values: FloatArray, good: np.ndarray) -> float:
     return float(np.quantile(high[seen] - low[seen], 0.99))
 
 
+def centred(code: IntArray, values: FloatArray, good: np.ndarray) -> FloatArray:
+    """Values less the mean of the good ones within each group."""
+    count = int(code.max()) + 1
+    mean = np.bincount(code[good], values[good], count) / np.maximum(np.bincount(code[good], minlength=count), 1)
+    return np.asarray(values - mean[code])
+
+
 def smooth_curves(line: IntArray, place: FloatArray, values: FloatArray, lines: int) -> FloatArray:
     """Every line's curve on a regular grid, and beyond its ends: Akima's, through the means of equal places.
 

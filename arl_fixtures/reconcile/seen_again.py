@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effects_common import per_view
+from arl_fixtures.reconcile.effects_still import centred
 from arl_fixtures.reconcile.view import View
 
 _SAME = 0.03
@@ -31,8 +32,7 @@ def _seen_again(view: View, channel: str) -> tuple[IntArray, NDArray[np.bool_]]:
     good = np.isfinite(log)
     log = np.where(good, log, 0.0)
     for code in (place, step):
-        total = np.bincount(code[good], log[good], int(code.max()) + 1)
-        log = log - (total / np.maximum(np.bincount(code[good], minlength=total.size), 1))[code]
+        log = centred(code, log, good)
     most = np.zeros(int(place.max()) + 1)
     np.maximum.at(most, place[good], np.abs(log[good]))
     return place, np.asarray(good & (most[place] < _SAME))

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.effect import Stage
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import PIXEL_COLUMNS
 from arl_fixtures.reconcile.seen_again import seen_again
@@ -31,7 +32,7 @@ def averages_noise(problem: Problem, term: Term, change: FloatArray, left: Float
         change: of it, whitened, stacked rows, (n,); left: residual with it, (n,).
     """
     fixed = all(name in _FIXED or name.startswith("sim_") for name in term.variant.drivers)
-    if not (term.effect.mixes and fixed) or term.effect.id.startswith("acquisition."):
+    if not (term.effect.mixes and fixed) or term.effect.stage > Stage.DETECTOR:  # images before are not seen again
         return False
     found = [(*seen_again(problem.view, d.channel.name), d.use) for d in problem.data]
     place = np.concatenate([at[use] * len(found) + k for k, (at, _, use) in enumerate(found)])
