@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,10 @@ from arl_fixtures.reconcile.roles import Role, is_aside, may_be_light, role_of, 
 
 IMAGE_COLUMNS = ("dut", "cycle", "step", "stage_angle_deg")
 """What tells images apart on a bench with a rotary stage."""
+OF_ROWS = ("surface", "mixed")
+"""Labels that say what a single row sees."""
+MOST_SETTINGS = 64
+"""Levels of a number up to which it may be a setting that tells pictures apart together with another."""
 FEWEST_PIXELS, REPEATED = 4, 0.01
 """Rows that an image has at least, and share of rows whose pixel may stand in its image twice."""
 RECORDED = frozenset({"cycle", "step"})
@@ -172,16 +177,24 @@ class Columns:
         return angle
 
     def _find_image_columns(self) -> tuple[str, ...]:
+        """With what tells pictures apart where steps and angles do not: a time, a setting, a label, or two."""
         if not {"pixel_u", "pixel_v"} & set(self.numbers) or not self._repeat_pixels(IMAGE_COLUMNS):
             return IMAGE_COLUMNS
         taken = {c.name for c in self.channels} | {c.parent for c in self.channels}
-        names = [n for n in sorted(self.numbers) if not n.startswith(("sim_", "pixel_")) and n not in taken]
-        for name in sorted(names, key=lambda n: n != "time_s"):
-            columns = (*IMAGE_COLUMNS, name)
+        numbers = [n for n in sorted(self.numbers) if not n.startswith(("sim_", "pixel_")) and n not in taken]
+        numbers.sort(key=lambda n: n != "time_s")
+        labels = [n for n in sorted(self.categories) if n not in {*IMAGE_COLUMNS, *OF_ROWS}]
+        few = [n for n in numbers if n not in {*IMAGE_COLUMNS, "n_frames"} and self._levels(n) <= MOST_SETTINGS]
+        pairs = combinations((*labels, *few), 2)
+        for names in (*((n,) for n in (*numbers, *labels)), *pairs):
+            columns = (*IMAGE_COLUMNS, *names)
             images = int(self.group(*columns).max()) + 1
             if images * FEWEST_PIXELS <= self.n and not self._repeat_pixels(columns):
                 return columns
         return IMAGE_COLUMNS
+
+    def _levels(self, name: str) -> int:
+        return len(np.unique(self.numbers[name]))
 
     def _repeat_pixels(self, columns: tuple[str, ...]) -> bool:
         """Whether pixels stand more than once in what the columns tell apart."""
