@@ -8,7 +8,7 @@ from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import Role
-from arl_fixtures.reconcile.stated import shortfall
+from arl_fixtures.reconcile.stated import frames_averaged, shortfall
 
 CONTRADICTED = 2.0
 """Log-likelihood of a scatter that a gain may cost at most to be carried over to it."""
@@ -32,7 +32,7 @@ def carry_gains(problem: Problem, state: State) -> None:
         good = np.isfinite(signal) & np.isfinite(scatter)
         spread = float(np.var(signal[good])) if good.any() else 0.0
         slope = float(np.cov(signal[good], scatter[good])[0, 1]) / spread if spread > 1e-6 else 0.0
-        frames = np.maximum(np.nan_to_num(problem.view.frames()[d.use], nan=1.0), 1.0)
+        frames = frames_averaged(problem.view, d.channel)[d.use]
         d.expect = bare = d.tails * shortfall(frames)
         before = _misfit(d, state)
         d.expect = bare * np.maximum(1.0 + by_row[d.use], 0.1) ** slope

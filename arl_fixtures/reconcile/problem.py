@@ -16,7 +16,7 @@ from arl_fixtures.reconcile.neighbour_noise import add_patches
 from arl_fixtures.reconcile.noise import CROSSED, IN_STEPS, Level, level_of, scale_of, unnoticed
 from arl_fixtures.reconcile.pose_scatter import add_pose
 from arl_fixtures.reconcile.roles import Role
-from arl_fixtures.reconcile.stated import shortfall, stated_error
+from arl_fixtures.reconcile.stated import frames_averaged, shortfall, stated_error
 from arl_fixtures.reconcile.view import View
 
 FOLDS = 5
@@ -80,7 +80,7 @@ class Problem:
             levels.append(made)
         expect = np.ones(len(use))
         if channel.role is Role.SCATTER:
-            expect = shortfall(np.maximum(np.nan_to_num(view.frames()[use], nan=1.0), 1.0))
+            expect = shortfall(frames_averaged(view, channel)[use])
         unit = np.unique(groups.unit[rows], return_inverse=True)[1].astype(np.int64)
         data = ChannelData(
             channel=channel, use=use, measured=measured[use], stated=stated, scale=scale, unit=unit,

@@ -9,13 +9,15 @@ from scipy.stats import binom
 
 from arl_fixtures.reconcile.columns import Channel, FloatArray
 from arl_fixtures.reconcile.effects_common import per_table
-from arl_fixtures.reconcile.roles import Role
+from arl_fixtures.reconcile.roles import Role, is_other_light
 from arl_fixtures.reconcile.view import View
 
 MOST_SHARED = 3.0
 """Largest part of it that is allowed for: where nearly nothing is lost, what is lost still tells."""
 MOST_FRAMES, WHOLE = 1000, 1e-4
 """Frames that shares are taken to be of at most, where the table does not count them; and how exactly."""
+FEWEST_LACKING, CLEARLY_LACKING = 30, 3.0
+"""Rows of either kind from which it is asked whether means are of returns only, and the log-likelihood for it."""
 RARE = 1e-4
 """Probability below which frames that do or do not return make no such share by chance."""
 
@@ -26,7 +28,7 @@ def stated_error(view: View, channel: Channel) -> tuple[FloatArray, bool]:
     A standard deviation of n frames scatters by sim_X_std · sqrt(1 − c4(n)²), the share p of n frames that return by
     sqrt(p (1 − p) / n), with p drawn to a half by one frame of each kind (Laplace's rule): none is ever certain.
     """
-    frames, returns = np.maximum(np.nan_to_num(view.frames(), nan=1.0), 1.0), frames_of_share(view, channel)
+    frames, returns = frames_averaged(view, channel), frames_of_share(view, channel)
     if channel.role is Role.SCATTER:
         error = np.abs(view.sim[channel.name]) * np.sqrt(1.0 - shortfall(frames) ** 2)
         known = True
@@ -42,6 +44,42 @@ def stated_error(view: View, channel: Channel) -> tuple[FloatArray, bool]:
         return np.ones(view.n), False
     low = 1e-3 * float(np.median(positive))
     return np.where(np.isfinite(error) & (error > low), error, np.median(positive)), known
+
+
+def frames_averaged(view: View, channel: Channel) -> FloatArray:
+    """Frames that a row's mean and scatter are of, (n,), at least 1.
+
+    Those that `n_frames` counts; of light and ranges those of them that had a return, where a share of returns is
+    measured beside them and rows of fewer scatter as if only these had been averaged.
+    """
+    frames = np.maximum(np.nan_to_num(view.frames(), nan=1.0), 1.0)
+    fraction = view.channel(Role.FRACTION)
+    parent = channel.parent or channel.name
+    means = {c.name for role in (Role.INTENSITY, Role.DISTANCE) for c in view.channels(role)}
+    if not fraction or parent not in means or is_other_light(parent):
+        return frames
+    share = view.columns.numbers.get(fraction)
+    whole = View(view.columns)
+    if share is None or not per_table(view, ("lost", parent), lambda: _are_of_returns(whole, share, parent)):
+        return frames
+    return np.maximum(np.round(frames * np.nan_to_num(share[view.rows], nan=1.0)), 1.0)
+
+
+def _are_of_returns(view: View, share: FloatArray, name: str) -> bool:
+    """Whether rows that lack returns lie off by what the others leave (as a Laplace distribution sees it)."""
+    frames, one = view.frames(), view.columns.numbers.get(f"sim_{name}_std")
+    if one is None:
+        return False
+    with np.errstate(invalid="ignore", divide="ignore"):
+        off = (view.number(name) - view.sim[name]) / one * np.sqrt(frames)
+    good = np.isfinite(off) & np.isfinite(share) & (share > 0.0)
+    few, all_of_them = good & (share * frames < frames - 0.5), good & (share * frames >= frames - 0.5)
+    if few.sum() < FEWEST_LACKING or all_of_them.sum() < FEWEST_LACKING:
+        return False
+    off = np.abs(off - np.median(off[all_of_them]))
+    usual = max(float(np.mean(off[all_of_them])), 1e-300)
+    root = np.sqrt(share[few])
+    return bool(np.sum(np.log(root) + off[few] / usual * (1.0 - root)) > CLEARLY_LACKING)
 
 
 def frames_of_share(view: View, channel: Channel) -> FloatArray | None:
