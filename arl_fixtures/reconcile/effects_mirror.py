@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from arl_fixtures.reconcile.effect import State
-from arl_fixtures.reconcile.effects_common import FloatArray, per_table
+from arl_fixtures.reconcile.effects_common import FloatArray, per_table, per_view
 from arl_fixtures.reconcile.view import IntArray, View
 
 _MOST_KEPT = 8
 """Blurred columns of the whole table that are kept."""
+_MIRRORS_KEPT = 4
+"""Mirrors of a view whose places are kept: a fit's own, and those beside it that it is differentiated by."""
+_SMALLEST_SHARE = 1e-9
 
 
 class Mirror(NamedTuple):
@@ -82,19 +85,33 @@ def _at(column: FloatArray, place: IntArray) -> FloatArray:
 
 def _between(view: View, mirror: Mirror, take: Callable[[IntArray], FloatArray]) -> FloatArray:
     """What `take` finds at the four pixels about each mirrored place, weighted by how near they are."""
-    raster = view.raster()
+    total, weight = np.zeros(view.n), np.zeros(view.n)
+    for place, share in _corners(view, mirror):
+        value = take(place)
+        good = np.isfinite(value) & (share > _SMALLEST_SHARE)
+        total[good] += (share * np.nan_to_num(value))[good]
+        weight[good] += share[good]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(weight > 0.5, total / weight, np.nan)
+
+
+def _corners(view: View, mirror: Mirror) -> tuple[tuple[IntArray, FloatArray], ...]:
+    """Rows of the pixels about each mirrored place, and their weights; a fit turns light and ranges round alike."""
+    kept = per_view(view, "mirrored places", dict[Mirror, tuple[tuple[IntArray, FloatArray], ...]])
+    if mirror not in kept:
+        if len(kept) >= _MIRRORS_KEPT:
+            kept.clear()
+        kept[mirror] = tuple(_find_corners(view, mirror))
+    return kept[mirror]
+
+
+def _find_corners(view: View, mirror: Mirror) -> Iterator[tuple[IntArray, FloatArray]]:
+    raster, image = view.raster(), view.frame()
     target_u, target_v = mirror.of(raster.u[view.rows], raster.v[view.rows])
     low_u, low_v = np.floor(target_u), np.floor(target_v)
     part_u, part_v = target_u - low_u, target_v - low_v
-    total, weight, image = np.zeros(view.n), np.zeros(view.n), view.frame()
     for step_u, share_u in ((0, 1.0 - part_u), (1, part_u)):
         for step_v, share_v in ((0, 1.0 - part_v), (1, part_v)):
             share = share_u * share_v
-            if not np.any(share > 1e-9):
-                continue
-            value = take(raster.rows_at(image, low_u + step_u, low_v + step_v, near=True))
-            good = np.isfinite(value) & (share > 1e-9)
-            total[good] += (share * np.nan_to_num(value))[good]
-            weight[good] += share[good]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(weight > 0.5, total / weight, np.nan)
+            if np.any(share > _SMALLEST_SHARE):
+                yield raster.rows_at(image, low_u + step_u, low_v + step_v, near=True), share
