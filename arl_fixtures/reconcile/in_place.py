@@ -12,13 +12,15 @@ from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.scores import Candidate
 from arl_fixtures.reconcile.screen import screen
 from arl_fixtures.reconcile.settling import shortlist
-from arl_fixtures.reconcile.terms import Term
-from arl_fixtures.reconcile.told_apart import alike, idle_price, is_undecided
+from arl_fixtures.reconcile.terms import Term, forward
+from arl_fixtures.reconcile.told_apart import LIKE_SHARE, TWIN_GAIN, alike, idle_price, is_undecided
 
 if TYPE_CHECKING:
     from arl_fixtures.reconcile.decide import Decision
 
 MOST_TRIED = 10
+LEAST_SHARED = 0.25
+"""Squared cosine between two changes up to which what says far more than a name says something else."""
 
 
 class InPlace(NamedTuple):
@@ -69,7 +71,19 @@ def others_in_place(decision: Decision, index: int, without: Fit, gain: float) -
         tried.add(other.effect.id)
         there = _gain_there(decision.problem, acted, without, r) if set(other.variant.channels) - acted else r.gain
         deficit = own - min(r.gain, there) - idle_price(term, r.fit)
-        yield InPlace(r, deficit, is_undecided(term, other, deficit, own, sampled=sampled))
+        undecided = is_undecided(term, other, deficit, own, sampled=sampled)
+        if undecided and -deficit > max(TWIN_GAIN, LIKE_SHARE * own):
+            undecided = _share(decision.problem, without, term, r.fit) > LEAST_SHARED
+        yield InPlace(r, deficit, undecided)
+
+
+def _share(problem: Problem, without: Fit, term: Term, other: Fit) -> float:
+    """Squared cosine between a name's change and that of what is in its place: of two causes next to nothing."""
+    own, rival = (
+        problem.whiten_change(state, without.state)
+        for state in (forward([*without.terms, term], problem.view), other.state)
+    )
+    return float(own @ rival) ** 2 / max(float(own @ own) * float(rival @ rival), 1e-300)
 
 
 def _gain_there(problem: Problem, names: Collection[str], without: Fit, ranked: Ranked) -> float:

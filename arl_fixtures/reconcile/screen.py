@@ -22,6 +22,8 @@ from arl_fixtures.reconcile.terms import Term, default_values, forward
 
 LEAST_GAIN = 4.0
 """Log-likelihood that any name must gain."""
+CERTAIN = 50.0
+"""Scales by which a gain lies below what is usual, from which chance gives more for sure."""
 FIRST_SHARE = 0.8
 """Share of what chance gives to free looks that the first name must gain. Chance is simulated with white noise, and a
 candidate pays for its shapes and for errors that groups share besides: of 102 tables without a mismatch (benchmarks/
@@ -79,7 +81,8 @@ class Screening:
     def p_value(self, gain: float) -> float:
         """Probability that chance gives a best gain this large, in tables as the one of `FIRST_SHARE`."""
         location, scale = _gumbel(self.chance)
-        return float(-np.expm1(-np.exp(-(gain / FIRST_SHARE - location) / scale)))
+        below = (location - gain / FIRST_SHARE) / scale
+        return float(-np.expm1(-np.exp(min(below, CERTAIN))))
 
 
 def _gumbel(draws: FloatArray) -> tuple[float, float]:

@@ -29,7 +29,13 @@ from arl_fixtures.reconcile.rivals import (
     plain_beyond,
 )
 from arl_fixtures.reconcile.roles import Role
-from arl_fixtures.reconcile.step_means import acts_within_steps, leaves_other_rows, left_in_steps
+from arl_fixtures.reconcile.step_means import (
+    acts_within_steps,
+    leaves_other_rows,
+    leaves_what_stays,
+    left_in_steps,
+    tells_steps,
+)
 from arl_fixtures.reconcile.terms import Term, forward
 from arl_fixtures.reconcile.unit_strengths import may_differ, of_each_unit
 
@@ -88,6 +94,30 @@ class Standing:
             return False
         predictable = is_structure(self.decision.after[d.channel.name])
         return predictable or not acts_within_steps(self.problem, d, self.decision.terms)
+
+    def told_in_steps(self, term: Term) -> set[str]:
+        """Channels in which a name tells whole steps apart."""
+        full = forward(self.decision.terms, self.problem.view)
+        rest = forward([t for t in self.decision.terms if t is not term], self.problem.view)
+        return {
+            d.channel.name for d in self.problem.data
+            if full[d.channel.name] is not rest[d.channel.name]
+            and tells_steps(d, full[d.channel.name] - rest[d.channel.name])
+        }  # fmt: skip
+
+    def comes_and_goes(self, term: Term) -> set[str]:
+        """Channels in which a name comes and goes with the steps, and what is left stays wherever the same is seen.
+
+        These are two causes, whatever else was named of what stays.
+        """
+        found = set()
+        for d in self.problem.data:
+            rows, left = self.looker.rows_of(d), self.decision.after[d.channel.name]
+            if is_structure(left) and leaves_what_stays(
+                self.problem, d, self.decision.terms, term, rows, left.ceiling.prediction
+            ):
+                found.add(d.channel.name)
+        return found
 
     def _leaves_others(self, d: ChannelData, acting: Sequence[Term]) -> bool:
         """Whether what names leave of a channel has another cause for sure: nothing that is left has none."""

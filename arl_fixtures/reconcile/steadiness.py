@@ -25,6 +25,7 @@ from arl_fixtures.reconcile.own_driver import cells_of, driven_by
 from arl_fixtures.reconcile.pilot import Looker
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.roles import PER_TURN, Role
+from arl_fixtures.reconcile.step_means import places_of
 from arl_fixtures.reconcile.terms import Term, forward
 from arl_fixtures.reconcile.unit_strengths import factors_of
 
@@ -43,6 +44,8 @@ OVERSHADOWING = 1e4
 """Squares by which others change a channel more than a name does, from which a hundredth of theirs is all of it."""
 FEWEST_IMAGES = 12
 """Images beyond one in each bin from which their own scatter is known."""
+GOES = 0.5
+"""Share of a change that must come and go where the same is seen, for what stays there to say nothing of it."""
 STAYS, AGAIN = 0.8, 0.5
 """Share of a change's variance that what rays see must tell where it stays, and most places a row for that."""
 LEAST_PURE, OF_PURE = 0.3, 0.15
@@ -75,7 +78,7 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
         return False
     problem = looker.problem
     in_pixels = term.effect.displaces or term.effect.at_borders or (term.effect.mixes and _is_sparse(problem))
-    place = _places(problem) if in_pixels else None
+    place = places_of(problem) if in_pixels else None
     full, rest = forward(terms, problem.view), forward([t for t in terms if t is not term], problem.view)
     acting = [
         d for d in problem.data
@@ -107,17 +110,37 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
         if cell is not None:
             change = [within_cells(c, cell[d.use]) for c, d in zip(change, acting, strict=True)]
             left = [within_cells(x, cell[d.use]) for x, d in zip(left, acting, strict=True)]
-    return _moves(looker, term, acting, change, left, place)
+    if not _moves(looker, term, acting, change, left, place):
+        return False
+    within = _within_places(problem, acting, change, left)
+    return within is None or _moves(looker, term, acting, *within, place)
+
+
+def _within_places(
+    problem: Problem, acting: Sequence[ChannelData], change: Sequence[FloatArray], left: Sequence[FloatArray]
+) -> tuple[list[FloatArray], list[FloatArray]] | None:
+    """Change and what is left less what of both stays where the same is seen; None where little of the change goes.
+
+    What names leave that stays as it is, a scene that is another one, says nothing of a name that comes and goes.
+    """
+    place = places_of(problem)
+    moving, rest = (
+        [within_cells(x, place[d.use]) for x, d in zip(what, acting, strict=True)] for what in (change, left)
+    )
+    goes = sum(float(m @ m) for m in moving) > GOES * sum(float(c @ c) for c in change)
+    return (moving, rest) if goes else None
 
 
 def _acts_in_mixed(
     term: Term, acting: Sequence[ChannelData], change: Sequence[FloatArray], problem: Problem
 ) -> bool:
-    """Whether an error of the clock that times all pulses acts on hardly any row that sees one surface.
+    """Whether an error of the clock that times all pulses, or of the pixels, is on hardly any row of one surface.
 
-    Pixels of two surfaces have ranges that no other has. A wave over the range then bends what they alone show.
+    Pixels of two surfaces have ranges that no other has. A wave over the range then bends what they alone show. And
+    a scene that stands elsewhere changes pixels at its edges, as if they differed.
     """
-    if term.effect.stage is not Stage.TIMING or term.effect.at_borders:
+    of_pixels = bool(term.fields) and not term.effect.sparse
+    if not (term.effect.stage is Stage.TIMING or of_pixels) or term.effect.at_borders:
         return False
     pure = pure_rows(problem.view)[problem.view.rows]
     one = [pure[d.use] for d in acting]
@@ -206,13 +229,6 @@ def acts_in_all(unit: FloatArray, power: FloatArray, score: FloatArray) -> bool:
     code = _bins(unit)
     total, pull = (np.asarray(np.bincount(code, x), dtype=np.float64) for x in (power, score))
     return factors_of(total, pull) is not None
-
-
-def _places(problem: Problem) -> IntArray:
-    """What each row sees: a pixel or ray (of a device) for which the simulation says the same in all channels."""
-    simulated = [f"sim_{d.channel.name}" for d in problem.data if d.channel.role is not Role.SCATTER]
-    columns = problem.view.columns
-    return columns.group("dut", *columns.ray_columns, *simulated)[problem.view.rows]
 
 
 def _told_by(place: IntArray, values: FloatArray) -> float:

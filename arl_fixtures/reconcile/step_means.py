@@ -6,15 +6,22 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from arl_fixtures.reconcile.cells import within_cells
 from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.followed import condition_of
 from arl_fixtures.reconcile.problem import Problem
+from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.terms import Term, forward
 
 WITHIN_STEPS = 0.1
 """Share of a change, between steps, below which it acts within steps and tells nothing of what steps differ by."""
+
+GOING, STAYING = 0.5, 0.8
+"""Share of a name's gain that must come and go where the same is seen, and of what is left that must stay there."""
+CLEAR_GAIN = 20.0
+"""Log-likelihood that a name must gain by what comes and goes."""
 
 
 def left_in_steps(problem: Problem, d: ChannelData, terms: Sequence[Term], least: float) -> float:
@@ -95,6 +102,56 @@ def leaves_other_rows(
         means = np.bincount(code, change, minlength=level.count) / np.maximum(count, 1)
         shares.append(float(np.average(means**2, weights=count)) / max(float(np.mean(change**2)), 1e-300))
     return shares[0] > 1.0 - WITHIN_STEPS and shares[1] < WITHIN_STEPS
+
+
+def leaves_what_stays(
+    problem: Problem, d: ChannelData, terms: Sequence[Term], term: Term, rows: IntArray, predicted: FloatArray
+) -> bool:
+    """Whether a name tells whole steps apart, and what is left stays wherever the same is seen: two causes, then.
+
+    A wrong name of one cause leaves what comes and goes as well, gains by what stays, or changes a picture by the
+    same pattern that it leaves.
+
+    Args:
+        problem: the table.
+        d: a channel.
+        terms: all names; term: one of them.
+        rows: of the channel, that were looked at; predicted: there, of what is left, in units of the scale.
+    """
+    name = d.channel.name
+    full, rest = (forward(some, problem.view) for some in (terms, [t for t in terms if t is not term]))
+    if full[name] is rest[name] or len(predicted) != len(rows) or not tells_steps(d, full[name] - rest[name]):
+        return False
+    place, left = places_of(problem)[d.use], predicted - float(predicted.mean())
+    going = within_cells(left, place[rows])
+    if float(going @ going) > (1.0 - STAYING) * float(left @ left):
+        return False
+    change, missed = d.whiten(d.expect * (full[name] - rest[name])[d.use]), d.whiten(d.residual(rest))
+    whole, within = (
+        0.5 * float(c @ x) ** 2 / max(float(c @ c), 1e-300)
+        for c, x in ((change, missed), (within_cells(change, place), within_cells(missed, place)))
+    )
+    return within > max(GOING * whole, CLEAR_GAIN)
+
+
+def tells_steps(d: ChannelData, change: FloatArray) -> bool:
+    """Whether a change is the same in all rows of a step, by its counts or as a part of what the rows show."""
+    level = d.level("step")
+    if level is None:
+        return False
+    for scale in (d.scale, np.ones(len(d.scale))):
+        moved = beside_constants(d, change[d.use] / scale)
+        rest = within_cells(moved, level.code)
+        if float(rest @ rest) < WITHIN_STEPS * float(moved @ moved):
+            return True
+    return False
+
+
+def places_of(problem: Problem) -> IntArray:
+    """What each row sees: a pixel or ray (of a device) for which the simulation says the same in all channels."""
+    simulated = [f"sim_{d.channel.name}" for d in problem.data if d.channel.role is not Role.SCATTER]
+    columns = problem.view.columns
+    return columns.group("dut", *columns.ray_columns, *simulated)[problem.view.rows]
 
 
 def act_apart(problem: Problem, before: State, after: State, other: State) -> bool:
