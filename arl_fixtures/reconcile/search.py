@@ -24,7 +24,6 @@ from arl_fixtures.reconcile.acceptance import (
     simplest,
     worth,
 )
-from arl_fixtures.reconcile.beside_what_stays import beside_what_stays, worth_beside_what_stays
 from arl_fixtures.reconcile.calibrated_units import (
     Lines,
     calibrate_simulation,
@@ -169,10 +168,7 @@ class Search:
                 rest = tuple(t for k, t in enumerate(best.terms) if k != index)
                 without = finish(self.full, fit(self.full, rest, rounds=3))
                 odds = PATTERN_ODDS if best.terms[index].effect.id in certain else 1.0
-                gain = worth(best, without)
-                if odds * gain < PATTERN_ODDS * threshold:
-                    gain = max(gain, worth_beside_what_stays(self, best, without))
-                gains.append((odds * gain, index, without))
+                gains.append((odds * worth(best, without), index, without))
             weakest = min(gains, key=lambda item: item[0])
             if weakest[0] >= PATTERN_ODDS * threshold:
                 break
@@ -225,7 +221,6 @@ class Search:
             if round_number == 0:
                 stage = with_constants_held(self, stage, chance)
                 stage = behind_zeros(self, stage, chance)
-            stage = beside_what_stays(self, stage, chance)
             stages.append(stage)
             if stage.chosen is None:
                 break

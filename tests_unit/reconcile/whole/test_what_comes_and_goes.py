@@ -1,4 +1,4 @@
-"""A name that comes and goes with the steps, beside a scene that stands elsewhere and stays there."""
+"""A scene that stands elsewhere than the simulation has it, and stays there."""
 
 import numpy as np
 import pyarrow as pa
@@ -10,13 +10,6 @@ from arl_fixtures.reconcile.table import columns_of
 WIDE, HIGH, STEPS = 18, 5, 9
 ANGLES = (-11.0, -4.0, 0.0, 5.0, 12.0)
 PITCH = 2.6
-
-
-def avalanche(temperature):
-    """Gain of a detector whose bias follows its breakdown voltage by 98.4 % (Miller)."""
-    breakdown = 45.0 + 0.14 * (temperature - 34.0)
-    bias = 40.5 + 0.984 * 0.14 * (temperature - 34.0)
-    return 0.1 / (1.0 - bias / breakdown)
 
 
 def light_of(edges, left, right):
@@ -59,14 +52,6 @@ def table():
         }))  # fmt: skip
 
     return make
-
-
-def test_a_gain_is_named_beside_panels_that_stand_elsewhere(table):
-    findings = diagnose(table(7, lambda light, t: light * avalanche(t)))[0].findings
-    named = {f.effect: f for f in findings}
-    assert set(named) == {"detector.gain_temperature", "unknown"}
-    assert named["detector.gain_temperature"].drivers == ["tof_temperature_c"]
-    assert "tof_temperature_c" not in named["unknown"].drivers
 
 
 def test_panels_that_stand_elsewhere_are_no_gains_of_pixels(table):
