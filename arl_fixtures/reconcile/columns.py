@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any
@@ -180,21 +181,23 @@ class Columns:
         """With what tells pictures apart where steps and angles do not: a time, a setting, a label, or two."""
         if not {"pixel_u", "pixel_v"} & set(self.numbers) or not self._repeat_pixels(IMAGE_COLUMNS):
             return IMAGE_COLUMNS
-        taken = {c.name for c in self.channels} | {c.parent for c in self.channels}
-        numbers = [n for n in sorted(self.numbers) if not n.startswith(("sim_", "pixel_")) and n not in taken]
-        numbers.sort(key=lambda n: n != "time_s")
-        labels = [n for n in sorted(self.categories) if n not in {*IMAGE_COLUMNS, *OF_ROWS}]
-        few = [n for n in numbers if n not in {*IMAGE_COLUMNS, "n_frames"} and self._levels(n) <= MOST_SETTINGS]
-        pairs = combinations((*labels, *few), 2)
-        for names in (*((n,) for n in (*numbers, *labels)), *pairs):
+        for names in self._telling_pictures():
             columns = (*IMAGE_COLUMNS, *names)
             images = int(self.group(*columns).max()) + 1
             if images * FEWEST_PIXELS <= self.n and not self._repeat_pixels(columns):
                 return columns
         return IMAGE_COLUMNS
 
-    def _levels(self, name: str) -> int:
-        return len(np.unique(self.numbers[name]))
+    def _telling_pictures(self) -> Iterator[tuple[str, ...]]:
+        """What may tell pictures apart, in the order in which it is tried: levels are counted only for pairs."""
+        taken = {c.name for c in self.channels} | {c.parent for c in self.channels}
+        numbers = [n for n in sorted(self.numbers) if not n.startswith(("sim_", "pixel_")) and n not in taken]
+        labels = [n for n in sorted(self.categories) if n not in {*IMAGE_COLUMNS, *OF_ROWS}]
+        for name in (*sorted(numbers, key=lambda n: n != "time_s"), *labels):
+            yield (name,)
+        settings = [n for n in numbers if n not in {*IMAGE_COLUMNS, "n_frames"}]
+        few = [n for n in settings if len(np.unique(self.numbers[n])) <= MOST_SETTINGS]
+        yield from combinations((*labels, *few), 2)
 
     def _repeat_pixels(self, columns: tuple[str, ...]) -> bool:
         """Whether pixels stand more than once in what the columns tell apart."""

@@ -49,14 +49,11 @@ def drop_fallen(decision: Decision) -> bool:
     undone = {d.channel.name: decision.standing.undone(d) for d in decision.problem.data}
     void = [t for t in decision.best.terms if any(t in terms for terms in undone.values())]
     gone = (*unsteady, *alike, *void)
-    spared = {
-        # beside names that fall for reasons of their own what is left tells nothing yet
-        k: decision.standing.told_in_steps(t) if gone else decision.standing.comes_and_goes(t)
-        for k, t in enumerate(decision.best.terms) if bad
-    }  # fmt: skip
+    # beside names that fall for reasons of their own what is left tells nothing yet
+    spares = decision.standing.told_in_steps if gone else decision.standing.comes_and_goes
     kept = tuple(
-        t for k, t in enumerate(decision.best.terms)
-        if not _mostly_in(decision, t, bad - spared.get(k, set())) and t not in gone
+        t for t in decision.best.terms
+        if t not in gone and not (bad and _mostly_in(decision, t, bad - spares(t)))
     )  # fmt: skip
     if len(kept) == len(decision.best.terms):
         return False
