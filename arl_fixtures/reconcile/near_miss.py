@@ -56,7 +56,7 @@ def drop_doubtful(decision: Decision) -> bool:
     term = decision.best.terms[0]
     others = {c for p in decision.patterns for c in p.term.variant.channels} | {law.channel for law in decision.laws}
     sure = [
-        evidence(r, decision.search.surcharge) for stage in stages for r in stage.ranked
+        evidence(r, decision.search.surcharge) for r in stages[0].ranked
         if r.fit.terms[-1].effect is term.effect
     ]  # fmt: skip
     if not others & set(term.variant.channels) or max(sure, default=0.0) > chance.threshold(LEVEL_NAME):

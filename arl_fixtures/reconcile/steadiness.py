@@ -44,8 +44,6 @@ OVERSHADOWING = 1e4
 """Squares by which others change a channel more than a name does, from which a hundredth of theirs is all of it."""
 FEWEST_IMAGES = 12
 """Images beyond one in each bin from which their own scatter is known."""
-GOES = 0.5
-"""Share of a change that must come and go where the same is seen, for what stays there to say nothing of it."""
 STAYS, AGAIN = 0.8, 0.5
 """Share of a change's variance that what rays see must tell where it stays, and most places a row for that."""
 LEAST_PURE, OF_PURE = 0.3, 0.15
@@ -110,25 +108,7 @@ def is_unsteady(looker: Looker, terms: Sequence[Term], term: Term) -> bool:
         if cell is not None:
             change = [within_cells(c, cell[d.use]) for c, d in zip(change, acting, strict=True)]
             left = [within_cells(x, cell[d.use]) for x, d in zip(left, acting, strict=True)]
-    if not _moves(looker, term, acting, change, left, place):
-        return False
-    within = _within_places(problem, acting, change, left)
-    return within is None or _moves(looker, term, acting, *within, place)
-
-
-def _within_places(
-    problem: Problem, acting: Sequence[ChannelData], change: Sequence[FloatArray], left: Sequence[FloatArray]
-) -> tuple[list[FloatArray], list[FloatArray]] | None:
-    """Change and what is left less what of both stays where the same is seen; None where little of the change goes.
-
-    What names leave that stays as it is, a scene that is another one, says nothing of a name that comes and goes.
-    """
-    place = places_of(problem)
-    moving, rest = (
-        [within_cells(x, place[d.use]) for x, d in zip(what, acting, strict=True)] for what in (change, left)
-    )
-    goes = sum(float(m @ m) for m in moving) > GOES * sum(float(c @ c) for c in change)
-    return (moving, rest) if goes else None
+    return _moves(looker, term, acting, change, left, place)
 
 
 def _acts_in_mixed(

@@ -7,7 +7,6 @@ import pytest
 from arl_fixtures.reconcile.catalogue import library
 from arl_fixtures.reconcile.fit import finish, fit
 from arl_fixtures.reconcile.search import Search
-from arl_fixtures.reconcile.steadiness import is_unsteady
 from arl_fixtures.reconcile.step_means import leaves_what_stays
 from arl_fixtures.reconcile.table import columns_of
 from arl_fixtures.reconcile.terms import Term, default_values
@@ -80,16 +79,3 @@ def test_but_not_beside_what_comes_and_goes_with_it():
 def test_nor_does_what_gains_by_what_stays():
     table, moved = recorded(lambda light, _t: light)
     assert not stands_beside("detector.gain_temperature", table, moved)
-
-
-def test_what_stays_is_no_unsteadiness_of_a_dark_signal():
-    table, _ = recorded(leaking)
-    search, terms = fitted("detector.dark_offset", table)
-    assert not is_unsteady(search.looker, terms, terms[0])
-
-
-def test_a_dark_signal_that_only_some_pixels_have_is_unsteady():
-    half = np.tile(np.arange(PIXELS) % 15 < 7, STEPS)
-    table, _ = recorded(lambda light, t: np.where(half, leaking(light, t), light))
-    search, terms = fitted("detector.dark_offset", table)
-    assert is_unsteady(search.looker, terms, terms[0])
