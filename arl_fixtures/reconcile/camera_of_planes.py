@@ -1,8 +1,10 @@
-"""How high pixels look, in a table that says how far aside they do: the planes that they see show it.
+"""Where pixels look, in a table that does not say so, or only how far aside: the planes that they see show it.
 
 1/range is linear in a ray's direction on a plane, in every stop of a stage and for every surface. The azimuths give a
 lens across; its height in the image, and how wide pixels are upwards, are those for which the simulated ranges of
-surfaces with a name lie on planes. Which way the image's rows run no plane tells: they are taken to run downwards.
+surfaces with a name lie on planes. Without azimuths that tells how wide a pixel is, the middle of the image being
+taken as the camera's axis and its pixels as square. Which way the image's rows run no plane tells: they are taken to
+run downwards.
 """
 
 from __future__ import annotations
@@ -29,23 +31,26 @@ _MOST_SURFACES = 60
 _FLAT, _SQUARE = 2e-3, 0.5
 """Median relative error of ranges on planes, at most; and how much less it must be for pixels that are not square."""
 _BETTER = 0.5
-"""Of the error of a camera that looks level in all rows."""
+"""Of the error of a camera that looks level in all rows, or whose pixels are of another size."""
+_PITCHES_DEG = np.geomspace(0.05, 8.0, 100)
+_OTHER = 0.2
+"""How much larger or smaller pixels are of another size."""
+_MOST_DISTORTION, _FOLDED = 0.5, 0.24
+"""Of a lens, as k4, and its square of the angle, from which an image folds."""
 
 
 def camera_of_planes(view: View) -> Camera | None:
-    """Camera whose azimuths are the table's and that sees planes; None where the table has no such, or shows none."""
-    numbers, names = view.columns.numbers, distances(view)
-    has_pixels = {"azimuth_deg", "pixel_u", "pixel_v"} <= set(numbers)
-    if not (has_pixels and "surface" in view.columns.categories and names):
-        return None
-    u, v = numbers["pixel_u"], numbers["pixel_v"]
-    far = simulated_range_m(view)
-    across = _lens_across(u, numbers["azimuth_deg"])
-    if across is None or np.unique(v[np.isfinite(v)]).size < _FEWEST_ROWS:
-        return None
-    groups = _surfaces(view, u, v, far)
+    """Camera that sees planes, and whose azimuths are the table's if it has them; None where the table shows none."""
+    groups = _seen(view)
     if not groups:
         return None
+    numbers = view.columns.numbers
+    if "azimuth_deg" not in numbers:
+        return _alone(_middle(view), groups)
+    across = _lens_across(numbers["pixel_u"], numbers["azimuth_deg"])
+    if across is None:
+        return None
+    v = numbers["pixel_v"]
     top, bottom = float(np.nanmin(v)), float(np.nanmax(v))  # rows of a log among the images have none
     middle, height = 0.5 * (top + bottom), bottom - top
     start = replace(across, cy=middle)
@@ -66,6 +71,56 @@ def camera_of_planes(view: View) -> Camera | None:
     level = _bend(replace(start, fy=1e6 * start.fx), groups)
     found = bend(at)
     return camera(at) if found < min(_FLAT, _BETTER * level) else None
+
+
+def bend_of(view: View, camera: Camera) -> float:
+    """Median of how far ranges are from planes with a camera, relative; infinite where the table shows none."""
+    groups = _seen(view)
+    return _bend(camera, groups) if groups else np.inf
+
+
+def _alone(centre: tuple[float, float], groups: list[Seen]) -> Camera | None:
+    """A pinhole of square pixels about the middle of the image, or another lens where planes clearly show that."""
+
+    def camera(place: FloatArray) -> Camera:
+        f = float(np.exp(place[0]))
+        return Camera(fx=f, fy=f, cx=centre[0], cy=centre[1], k4=max(float(place[1]), 0.0))
+
+    widest = max(float(np.max(np.abs(u - centre[0]))) for u, _, _ in groups)
+
+    def bend(place: FloatArray) -> float:
+        folded = float(place[1]) * (widest / np.exp(place[0])) ** 2
+        possible = 0.0 <= place[1] <= _MOST_DISTORTION and folded < _FOLDED
+        return _bend(camera(place), groups) if possible else np.inf
+
+    def pinhole(place: FloatArray) -> float:
+        return bend(np.array([place[0], 0.0]))
+
+    scales = [-float(np.log(np.radians(p))) for p in _PITCHES_DEG]
+    first = min(scales, key=lambda scale: pinhole(np.array([scale, 0.0])))
+    at = _least(pinhole, np.array([[first, 0.0], [first + 0.02, 0.0], [first, 0.1]])) * [1.0, 0.0]
+    free = _least(bend, at + np.array([[0.0, 0.0], [0.02, 0.0], [0.0, 0.05]]))
+    if bend(free) < _SQUARE * bend(at):
+        at = free
+    found = bend(at)
+    others = min(bend(at + np.array([side, 0.0])) for side in (-_OTHER, _OTHER))
+    return camera(at) if found < min(_FLAT, _BETTER * others) else None
+
+
+def _seen(view: View) -> list[Seen] | None:
+    """What the table's pixels see of planes; None without an image of surfaces that have names and ranges."""
+    numbers = view.columns.numbers
+    if not {"pixel_u", "pixel_v"} <= set(numbers) or "surface" not in view.columns.categories or not distances(view):
+        return None
+    u, v = numbers["pixel_u"], numbers["pixel_v"]
+    if np.unique(v[np.isfinite(v)]).size < _FEWEST_ROWS:
+        return None
+    return _surfaces(view, u, v, simulated_range_m(view))
+
+
+def _middle(view: View) -> tuple[float, float]:
+    u, v = (view.columns.numbers[name] for name in ("pixel_u", "pixel_v"))
+    return 0.5 * float(np.nanmin(u) + np.nanmax(u)), 0.5 * float(np.nanmin(v) + np.nanmax(v))
 
 
 def _least(misfit: Callable[[FloatArray], float], simplex: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from arl_fixtures.reconcile.camera_of_planes import camera_of_planes
+from arl_fixtures.reconcile.camera_of_planes import bend_of, camera_of_planes
 from arl_fixtures.reconcile.columns import Columns
 from arl_fixtures.reconcile.effect import Variant
 from arl_fixtures.reconcile.effects_bench import bench_of
@@ -24,6 +24,8 @@ from arl_fixtures.reconcile.line_over_floor import elevation_of_line
 from arl_fixtures.reconcile.swept_rays import camera_of_sweep, rows_of_pixels
 from arl_fixtures.reconcile.view import View
 
+FLATTER = 0.5
+"""Share of how far ranges are off planes with a sweep's camera, from which that of the planes is the better one."""
 _STANDS_FOR = {"azimuth_deg": "pixel_u", "elevation_deg": "pixel_v"}
 
 
@@ -43,7 +45,7 @@ def derive_rays(columns: Columns, *, known: bool = False, lens: Mapping[str, flo
         return _of_line(columns, lens["elevation_deg"] if lens else elevation_of_line(view))
     camera = Camera(**lens) if lens else _nominal_of(view, len(lacking), known=known)
     if camera is None and not known:
-        camera = camera_of_sweep(view) if len(lacking) == len(_STANDS_FOR) else camera_of_planes(view)
+        camera = _shown(view, len(lacking))
         lens = None if camera is None else asdict(camera)
     if camera is None:
         return False
@@ -56,6 +58,15 @@ def derive_rays(columns: Columns, *, known: bool = False, lens: Mapping[str, flo
         if name in lacking and _STANDS_FOR[name] in columns.numbers
     }
     return True
+
+
+def _shown(view: View, lacking: int) -> Camera | None:
+    """Camera that a sweep or planes show; where both do, that with which planes are clearly flatter."""
+    planes = camera_of_planes(view)
+    swept = camera_of_sweep(view) if lacking == len(_STANDS_FOR) else None
+    if planes is None or swept is None:
+        return planes or swept
+    return planes if bend_of(view, planes) < FLATTER * bend_of(view, swept) else swept
 
 
 def _of_line(columns: Columns, level_deg: float | None) -> bool:

@@ -24,6 +24,29 @@ def test_planes_tell_how_high_pixels_look():
     assert np.max(np.abs(columns.derived["elevation_deg"] - elevation)) < 0.05 * pixel_deg
 
 
+def test_planes_tell_where_pixels_look_that_no_sweep_shows():
+    """One stop of the stage: which way its pixels look is in the ranges of a wall, a floor and boards."""
+    columns, elevation = without_heights()
+    azimuth, stop = columns.numbers.pop("azimuth_deg"), columns.numbers["stage_angle_deg"] == 0.0
+    numbers = {name: values[stop] for name, values in columns.numbers.items() if name != "stage_angle_deg"}
+    labels = {name: (code[stop], kinds) for name, (code, kinds) in columns.categories.items()}
+    picture = Columns(n=int(stop.sum()), numbers=numbers, categories=labels, channels=columns.channels)
+    assert derive_rays(picture)
+    pixel_deg = np.degrees(1.0 / F_PX)
+    for name, angle in {"azimuth_deg": azimuth, "elevation_deg": elevation}.items():
+        off = picture.derived[name] - angle[stop]  # the middle of the strewn pixels lies half a pixel aside
+        assert np.max(np.abs(off)) < 0.55 * pixel_deg
+        assert np.std(off) < 0.1 * pixel_deg
+
+
+def test_a_picture_of_one_sphere_shows_no_pixel_size():
+    columns, _ = without_heights()
+    del columns.numbers["azimuth_deg"]
+    columns.numbers["stage_angle_deg"] = np.zeros(columns.n)
+    columns.numbers["sim_distance_m"] = np.full(columns.n, 4.0)
+    assert not derive_rays(columns)
+
+
 def test_a_log_among_the_images_has_no_rays():
     columns, elevation = without_heights()
     numbers = {name: np.r_[values, np.full(9, np.nan)] for name, values in columns.numbers.items()}
