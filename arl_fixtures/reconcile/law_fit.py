@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from arl_fixtures.reconcile.columns import FloatArray, IntArray
+from arl_fixtures.reconcile.columns import BoolArray, FloatArray, IntArray
 from arl_fixtures.reconcile.law_basis import Basis
 from arl_fixtures.reconcile.law_evidence import evidence
 from arl_fixtures.reconcile.law_work import Candidate, Work
@@ -147,16 +147,29 @@ def _ridge(gram: FloatArray) -> FloatArray:
 
 def _cross_predicted(work: Work, vectors: FloatArray, precision: FloatArray, fold: IntArray) -> FloatArray:
     """What the other folds say of each fold's rows, whitened."""
+    predicted = np.zeros(len(work.residual))
+    for test, values in _left_out(work, vectors, precision, fold):
+        predicted[test] = values @ vectors[:, test]
+    return predicted
+
+
+def _left_out(
+    work: Work, vectors: FloatArray, precision: FloatArray, fold: IntArray
+) -> Iterator[tuple[BoolArray, FloatArray]]:
+    """Rows of each fold, and the coefficients that the other folds give."""
     gram, score = vectors @ vectors.T, vectors @ work.residual
     ridge = _ridge(gram)
-    predicted = np.zeros(len(work.residual))
     for k in np.unique(fold):
         test = fold == k
         inside = vectors[:, test]
         part = gram - inside @ inside.T
         rest = score - inside @ work.residual[test]
-        predicted[test] = np.linalg.solve(part + precision + ridge, rest) @ inside
-    return predicted
+        yield test, np.linalg.solve(part + precision + ridge, rest)
+
+
+def each_fold(work: Work, terms: list[Candidate]) -> Iterator[tuple[BoolArray, FloatArray]]:
+    """Rows of each fold of the work's blocks, and the coefficients of all terms that the other folds give."""
+    return _left_out(work, *_stacked(terms), work.fold)
 
 
 def holds_between(work: Work, chosen: Chosen, trial: Chosen) -> bool:

@@ -9,6 +9,7 @@ from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.law import Law
 from arl_fixtures.reconcile.law_basis import Basis
 from arl_fixtures.reconcile.law_fit import joint, weighed
+from arl_fixtures.reconcile.law_levels import told_closer
 from arl_fixtures.reconcile.law_search import add_trees, is_law, search_law
 from arl_fixtures.reconcile.law_work import ALL_ROWS, Work
 from arl_fixtures.reconcile.locate import locate, located_law
@@ -46,6 +47,7 @@ def _law_of_rest(looker: Looker, data: ChannelData, state: State, left: Structur
     law, chosen = search_law(looker, data, state, leading)
     if not (certain or place or is_law(chosen, beside=beside)):
         return None
+    law = told_closer(looker, data, state, law, chosen)
     if place is not None and law.law_gain < place.gain / 2.0:
         tables = located_law(looker, data, state)
         if tables.terms:

@@ -149,7 +149,7 @@ def gain_of_others(looker: Looker, data: ChannelData, state: State, law: Chosen,
     before, best = data.fit_scatter(data.residual(state))[0], 0.0
     for tau in _starts(looker, data):
         work = Work(data, state, looker.features, tau, ALL_ROWS)
-        trial, found = _settled(work, data, state, looker, others)
+        trial, found = settled(work, data, state, looker, others)
         if found.terms:
             _measure(trial, found, data, state, looker, before, 1.0)
             best = max(best, found.plain)
@@ -208,16 +208,16 @@ def _from_start(
     if not chosen.terms:
         return
     work, first = Work(data, state, looker.features, tau, ALL_ROWS), chosen.terms[0].basis
-    yield _settled(work, data, state, looker, [t.basis for t in chosen.terms])
+    yield settled(work, data, state, looker, [t.basis for t in chosen.terms])
     for axis in first.axes if len(chosen.terms) == 1 < len(first.axes) else ():
         if not axis.is_open and axis.kind != "one":
             axes = tuple(a for a in first.axes if a is not axis)
             columns = tuple(name for a in axes for name in a.columns)
             price = max(first.price - PRICE_FACTOR, PRICE_ONE + price_of(columns))
-            yield _settled(work, data, state, looker, [replace(first, axes=axes, price=price)])
+            yield settled(work, data, state, looker, [replace(first, axes=axes, price=price)])
 
 
-def _settled(
+def settled(
     work: Work, data: ChannelData, state: State, looker: Looker, bases: Sequence[Basis]
 ) -> tuple[Law, Chosen]:
     """A law of these terms on all rows at work, without those that harm or that chance alone explains."""

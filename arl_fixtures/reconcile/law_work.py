@@ -130,6 +130,10 @@ class Work:
         vectors, gram = self.together([basis])
         return Candidate(basis=basis, vectors=vectors[0], gram=gram[0])
 
+    def raw(self, basis: Basis) -> FloatArray:
+        """A basis on these rows in standard errors of each row alone, shape (k, n)."""
+        return np.asarray(basis.vectors(self.features, self._known) * self.scale * self._root_weight)
+
     def together(self, bases: Sequence[Basis]) -> tuple[FloatArray, FloatArray]:
         """Whitened vectors of m bases of k functions each, shape (m, k, n), and their products, (m, k, k)."""
         count = bases[0].count
