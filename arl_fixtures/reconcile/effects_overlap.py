@@ -34,6 +34,11 @@ def overlap_shape(view: View, distance: str) -> Parameter:
     return shape("overlap", unit_of(distance), _NARROWEST * across, across, across / 16.0)
 
 
+def within(away: FloatArray, overlap: float) -> FloatArray:
+    """Share of a pulse that a pixel's own one sees from `away` nearer or farther, both in the unit of `overlap`."""
+    return np.asarray(np.exp(-0.5 * (np.nan_to_num(away, nan=np.inf) / overlap) ** 2))
+
+
 def can_overlap(view: View, distance: str) -> bool:
     """Whether the images show more than one range, and are few enough to be held range by range."""
     images = int(view.columns.group(*view.columns.image_columns).max()) + 1
@@ -82,7 +87,7 @@ def _seen(view: View, channel: str, distance: str, k: int) -> tuple[FloatArray, 
     held = np.bincount(code, good.astype(float), minlength=images).clip(1.0)[:, None]
     at = low + width * np.arange(_BINS)
     overlap = _NARROWEST * (high - low) * _RATIO**k
-    kernel = np.exp(-0.5 * ((at[:, None] - at[None, :]) / overlap) ** 2)
+    kernel = within(at[:, None] - at[None, :], overlap)
     known = np.where(good, light, 0.0)
     light_at, moment_at = (
         (np.bincount(cell, weight, minlength=cells).reshape(images, _BINS) / held) @ kernel

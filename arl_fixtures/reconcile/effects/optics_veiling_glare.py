@@ -12,6 +12,7 @@ from arl_fixtures.reconcile.effects_frame import add_stray_light, frame_range, h
 from arl_fixtures.reconcile.effects_halo import NEAREST_PX, halo, widest_halo
 from arl_fixtures.reconcile.effects_image import whole_image
 from arl_fixtures.reconcile.effects_overlap import can_overlap, overlap_shape, overlapping
+from arl_fixtures.reconcile.effects_phasor import add_phasor, ambiguity_shape, image_phasor
 from arl_fixtures.reconcile.roles import unit_of
 from arl_fixtures.reconcile.view import View
 
@@ -31,7 +32,8 @@ class VeilingGlare(Effect):
     """I' = (1 − share)·I + share·mean(I of the image); the distance moves towards the image's mean range.
 
     Of whole images also with a halo's light instead of the mean: what scatters in a lens falls off about its source.
-    With ranges also with the light that comes back within the row's own pulse: a pulsed sensor reads no other.
+    With ranges also with the light that comes back within the row's own pulse (a pulsed sensor reads no other), and
+    with its phase (a camera that correlates a modulation adds phasors).
     Of an image of which the table holds few pixels, also with the mean over the sweep: as it turns they see what the
     whole image sees at once.
     """
@@ -62,8 +64,9 @@ class VeilingGlare(Effect):
                 overs.append(({"over": "halo"}, (*pull, reach)))
             if moved and has_frames(view) and can_overlap(view, moved[0]):
                 overs.append(({"over": "pulse"}, (shape("pull", "1", 0.0, 4.0, 1.0), overlap_shape(view, moved[0]))))
+                overs.append(({"over": "phase"}, (ambiguity_shape(view, moved[0]),)))
             if moved:  # the distances tell of light whose mean was taken for the signal's zero
-                known = [one for one in overs if one[0].get("over") not in ("sweep", "halo", "pulse")]
+                known = [one for one in overs if one[0].get("over") not in ("sweep", "halo", "pulse", "phase")]
                 overs += [({**over, "zero": light}, shapes) for over, shapes in known]
             for over, shapes in overs:
                 yield Variant(
@@ -102,6 +105,11 @@ class VeilingGlare(Effect):
                 view, state, channel, stray=share * light, far=dict.fromkeys(moved, mean_range),
                 pull=float(values.get("pull", 0.0)), kept=1.0 - share,
             )  # fmt: skip
+            return
+        if variant.options.get("over") == "phase":
+            moved, ambiguity = ranged_by(view, channel), float(values["ambiguity"])
+            stray = share * image_phasor(view, state, channel, moved[0], ambiguity)
+            add_phasor(view, state, channel, moved, stray=stray, kept=1.0 - share, ambiguity=ambiguity)
             return
         over, whole = "frame", whole_image(view)
         mean = view.frame_mean(state, channel)
@@ -144,6 +152,11 @@ class VeilingGlare(Effect):
                 f"{channel} = (1 - share) * {channel} + share * mean({near}); "
                 "distance += pull * (share of stray light) * (its mean distance - distance)"
             )
+        if over == "phase":
+            return (
+                f"{channel} and distance are length and angle of (1 - share) * z + share * mean(z of the image), "
+                f"z = {channel} * exp(2 pi i distance / ambiguity)"
+            )
         return (
             f"{channel} = (1 - share) * {channel} + share * mean({channel} of the {over}){zero}; "
             "distance += pull * (share of stray light) * (mean distance of the image - distance)"
@@ -161,6 +174,12 @@ class VeilingGlare(Effect):
             return (
                 f"{values['share'] * 100:.2f} % of the light is scattered over the whole image; what comes from "
                 f"within {values['overlap']:.2g} {unit} of a pixel's own range is read with its pulse."
+            )
+        if "ambiguity" in values:
+            unit = unit_of(ranged_by(view, str(variant.options["channel"]))[0])
+            return (
+                f"{values['share'] * 100:.2f} % of the light is scattered over the whole image and adds to that of "
+                f"each pixel with its phase, which goes round once in {values['ambiguity']:.2g} {unit}."
             )
         return (
             f"{values['share'] * 100:.2f} % of the light is scattered over the whole image and veils its dark parts."
