@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from arl_fixtures.reconcile.effect import Option, Values
 from arl_fixtures.reconcile.effects_common import per_table, per_view, pure_rows, rounded, span
+from arl_fixtures.reconcile.effects_scenery import powers_of_a_line, robust, sceneries
 from arl_fixtures.reconcile.roles import HALF_TURN_DEG
 from arl_fixtures.reconcile.view import View
 
@@ -30,7 +31,6 @@ _KNOWN_TO, _BEYOND = 1.1, 1.6
 _AS_GOOD = 1.1
 """Times what the best profile leaves, up to which a simpler one is taken: where the scene leaves much more than any
 profile's shape, that of many powers is the scene's."""
-_ROUNDS = 12
 FEWEST_PX = 7.0
 """Columns or rows of pixels that an image must span for a smooth profile over it."""
 _RAYS = ("azimuth_deg", "elevation_deg")
@@ -51,7 +51,8 @@ class Illumination:
         """ln of the profile, held beyond `known_to` times the field of view."""
         x = np.clip(azimuth / self.reach_az, -self.known_to, self.known_to)
         y = np.clip(elevation / self.reach_el, -self.known_to, self.known_to)
-        grid = np.zeros((_DEGREE + 1, _DEGREE + 1))
+        size = 1 + max(_DEGREE, *(max(term) for term in self.terms))
+        grid = np.zeros((size, size))
         for (i, j), coefficient in zip(self.terms, self.coefficients, strict=True):
             grid[j, i] = coefficient
         total = np.zeros(np.broadcast(x, y).shape)
@@ -121,39 +122,6 @@ def elevation(view: View) -> FloatArray:
     return per_view(view, "elevation", lambda: ray_column(view, "elevation_deg")[view.rows])
 
 
-def _sceneries(view: View, rows: IntArray) -> list[tuple[FloatArray, list[FloatArray]]]:
-    """Ways to account for the scene in ln(signal): what is known, and regressors with free coefficients."""
-    table = view.columns
-    laws: list[FloatArray] = []
-    known = np.zeros(rows.size)
-    for name, exponent in (("reflectance", 1.0), ("true_range_m", -2.0), ("incidence_deg", 1.0)):
-        if name not in table.numbers:
-            continue
-        values = table.numbers[name][rows]
-        values = np.cos(np.radians(values)) if name == "incidence_deg" else values
-        law = np.nan_to_num(np.log(np.maximum(values, 1e-3)))
-        laws.append(law)
-        known = known + exponent * law
-    free = list(laws)
-    if "surface" in table.categories:
-        codes, labels = table.categories["surface"]
-        free += [(codes[rows] == index).astype(float) for index in range(min(len(labels), 40))]
-    return [(known, []), (np.zeros(rows.size), free)] if len(laws) == 3 else [(np.zeros(rows.size), free)]
-
-
-def _robust(matrix: FloatArray, target: FloatArray) -> tuple[FloatArray, float]:
-    """Least squares that pixels of patterned boards do not bend, and the median size of what is left."""
-    weight = np.ones(target.size)
-    solution, rest = np.zeros(matrix.shape[1]), 0.0
-    for _ in range(_ROUNDS):
-        root = np.sqrt(weight)
-        solution = np.asarray(np.linalg.lstsq(matrix * root[:, None], target * root, rcond=1e-9)[0], dtype=np.float64)
-        left = target - matrix @ solution
-        rest = float(np.median(np.abs(left)))
-        weight = 1.0 / (1.0 + (left / max(3.0 * rest, 1e-6)) ** 2) ** 2
-    return solution, rest
-
-
 def _fall(terms: tuple[tuple[int, int], ...], coefficients: FloatArray) -> float:
     """Logarithm by which a profile of even powers differs between the axis and the edge of the image."""
     ends = [sum(c for term, c in zip(terms, coefficients, strict=True) if term[other] == 0) for other in (0, 1)]
@@ -192,12 +160,14 @@ def _profile(view: View, channel: str, axes: tuple[Across, Across]) -> Illuminat
         every = tuple((i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i) if i + j > 0)
         x, y = az[rows] / reach_az, el[rows] / reach_el
         target = np.log(signal[rows])
-        for known, scenery in _sceneries(view, rows):
+        powers = np.column_stack([np.ones(rows.size), *(x**i * y**j for i, j in every)])
+        for known, scenery in sceneries(view, rows, powers):
             tried: list[tuple[float, FloatArray, tuple[tuple[int, int], ...]]] = []
-            for plain in (*_PLAIN, set(every)):
-                terms = tuple(term for term in every if term in plain)
+            for plain in (*_PLAIN, *powers_of_a_line(x, y), set(every)):
+                known_powers = plain <= set(every)
+                terms = tuple(term for term in every if term in plain) if known_powers else tuple(sorted(plain))
                 basis = [np.ones(rows.size), *(x**i * y**j for i, j in terms)]
-                solution, rest = _robust(np.column_stack([*basis, *scenery]), target - known)
+                solution, rest = robust(np.column_stack([*basis, *scenery]), target - known)
                 if set(terms) in _PLAIN and _fall(terms, solution[1 : len(terms) + 1]) > _STEEPEST:
                     continue  # two angles that the scene's own laws go along with
                 tried.append((rest, solution, terms))
