@@ -73,7 +73,7 @@ def borders_in_images(view: View) -> ImageBorders | None:
     if sides is None:
         return None
     flat = {name: _flat(view, name) for name in (*signals(view), *distances(view))}
-    own, other = ({n: np.exp(flat[n][side] - flat[n]) for n in signals(view)} for side in (sides.own, sides.other))
+    own, other = ({n: _alone(view, flat, n, sides)[k] for n in signals(view)} for k in (0, 1))
     part = part_of(sides, view, channel, pulled_channels(view))
     part[(sides.own < 0) | (sides.other < 0) | (np.abs(own[channel] - other[channel]) < _CONTRAST)] = np.nan
     wide = np.array([_degrees_for(view, column, angle) for column, angle, _ in _AXES])
@@ -81,9 +81,18 @@ def borders_in_images(view: View) -> ImageBorders | None:
     known = np.isfinite(part) & np.any(across != 0.0, axis=1)
     if not known.any():
         return None
-    fars = [{n: flat[n][side] / flat[n] for n in pulled_channels(view)} for side in (sides.own, sides.other)]
+    fars = [{n: sides.seen(view, f"sim_{n}")[k] / flat[n] for n in pulled_channels(view)} for k in (0, 1)]
     borders = Borders(known, across, 1.0 - np.nan_to_num(part), own, other, *fars)
     return ImageBorders(borders, *_along_surfaces(view, flat, wide), wide)
+
+
+def _alone(view: View, flat: dict[str, FloatArray], name: str, sides: Sides) -> list[FloatArray]:
+    """A signal of either side alone, in units of each row's own; the nearest where its surface tells no trend."""
+    found, own = [], view.number(f"sim_{name}")
+    for place, seen in zip((sides.own, sides.other), sides.seen(view, f"sim_{name}"), strict=True):
+        bare = seen == view.take_number(f"sim_{name}", place)
+        found.append(np.where(bare, np.exp(flat[name][place] - flat[name]), seen / own))
+    return found
 
 
 def _across(view: View, sides: Sides, part: FloatArray, wide: FloatArray) -> FloatArray:

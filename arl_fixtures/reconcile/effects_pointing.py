@@ -322,10 +322,21 @@ def changes_elsewhere(
     if not over_borders:
         return changes
     if borders is not None:
-        known, shared = borders.known[view.rows], borders.changes(view, turn, lift)
-        changes = {name: np.where(known, shared.get(name, change), change) for name, change in changes.items()}
-    image = per_table(view, "borders in images", lambda: _coarse_images(view, found)) if room is None else None
-    return changes if image is None else image.changes(view, turn, lift, changes)
+        changes = _at_borders(view, borders, turn, lift, changes)
+    image = per_table(view, "borders in images", lambda: _coarse_images(view, found))
+    if image is None:
+        return changes
+    if room is None:
+        return image.changes(view, turn, lift, changes)
+    return _at_borders(view, image.borders, turn, lift, changes)  # planes tell the rest
+
+
+def _at_borders(
+    view: View, borders: Borders, turn: FloatArray | float, lift: FloatArray | float, changes: dict[str, FloatArray]
+) -> dict[str, FloatArray]:
+    """Changes, in the pixels that see two surfaces those that their borders make."""
+    known, shared = borders.known[view.rows], borders.changes(view, turn, lift)
+    return {name: np.where(known, shared.get(name, change), change) for name, change in changes.items()}
 
 
 _FINE = 0.2

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from arl_fixtures.reconcile.effects_common import FloatArray, distances, per_view, pure_rows
 from arl_fixtures.reconcile.effects_scene import pixel_width
+from arl_fixtures.reconcile.effects_smooth import along_surface
 from arl_fixtures.reconcile.effects_surface import beyond_surface, mixed_rows
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
@@ -35,10 +36,14 @@ class Sides:
     other: IntArray
 
     def seen(self, view: View, name: str) -> tuple[FloatArray, FloatArray]:
-        """A column as either side shows it alone, (n,) each; NaN where none does."""
+        """A column as either side shows it alone, (n,) each; NaN where none does.
+
+        From where a side was seen to where the row looks it changes as it does along that surface.
+        """
         return per_view(
-            view, ("sides", name), lambda: (view.take_number(name, self.own), view.take_number(name, self.other))
-        )
+            view, ("sides", name),
+            lambda: (along_surface(view, name, self.own), along_surface(view, name, self.other)),
+        )  # fmt: skip
 
 
 def sides_of(view: View) -> Sides | None:
