@@ -235,11 +235,14 @@ def _nearest(decision: Decision, law: Law) -> list[Alternative]:
     near: list[Alternative] = []
     if ceiling_gain <= 1.0:
         return near  # what is told by units' constants alone leaves columns nothing to predict
+    view, data = decision.problem.view, next(d for d in decision.problem.data if d.channel.name == channel)
+    before = data.fit_scatter(data.residual(view.fresh_state()))[0]
     for stage in decision.found.stages[:1]:
         for r in stage.ranked:
             effect = r.fit.terms[-1].effect.id
             if channel in r.fit.terms[-1].variant.channels and all(a.effect != effect for a in near):
-                share = float(min(max(r.gain, 0.0) / ceiling_gain, 1.0))
+                here = data.fit_scatter(data.residual(forward(r.fit.terms[-1:], view)))[0] - before
+                share = float(min(max(here, 0.0) / ceiling_gain, 1.0))  # what it gains elsewhere says nothing of it
                 but = ", by another strength under other conditions" if effect in decision.refused else ""
                 near.append(
                     Alternative(

@@ -88,3 +88,17 @@ def test_a_resonance_of_the_stage_has_no_zero_beside_it(tmp_path, save, seed):
     found = reconcile(save(tmp_path / "table.parquet", table), tmp_path / "out").findings
     assert [f.effect for f in found] == ["unknown"]
     assert found[0].drivers[0] == "stage_speed_dps"
+
+
+def saturated_and_heated(columns, rng):
+    switched_heater(columns, rng)
+    light = columns["intensity_counts"]
+    columns["intensity_counts"] = light / (1.0 + 0.2 * light / light.max())
+
+
+def test_what_a_name_gains_in_another_channel_explains_nothing_of_an_unknown(make_table):
+    findings = diagnose(columns_of(pa.table(make_table(1, saturated_and_heated, steps=7))))[0].findings
+    unknown = next(f for f in findings if f.effect == "unknown")
+    assert unknown.channels == ["distance_m"]
+    assert unknown.alternatives
+    assert all(a.gain < 0.2 for a in unknown.alternatives), unknown.alternatives
