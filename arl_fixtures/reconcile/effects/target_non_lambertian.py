@@ -30,6 +30,9 @@ from arl_fixtures.reconcile.view import View
 class NonLambertian(LightFactor):
     """I *= 1 + oblique·sin²a + lobe·max(cos 2a, 0)^sharpness, 1 + rough·sin a·tan a, or 1 + facets·tan²a.
 
+    Of targets of several reflectances also 1 + rough·sin a·tan a + gloss/reflectance·exp(−tan²a/slope²)·G/cos⁶a: what
+    the face of a paint sends back, by facets that stand upright to the light, has not the paint's colour.
+
     On all surfaces, on those of a kind or on one. `oblique` > 0 is a rough surface that stays bright when seen
     obliquely, `lobe` a gloss about normal incidence: light comes back along its way, so the angle to the mirror
     direction is 2a. `rough` is the second term of Oren's and Nayar's law. Facets of small slopes (`facets` is their
@@ -63,6 +66,7 @@ class NonLambertian(LightFactor):
                     ({}, _ROUGH_AND_GLOSSY),
                     ({"kind": "rough"}, _ROUGH),
                     ({"kind": "facets"}, _FACETS),
+                    *((({"kind": "coated"}, _COATED),) if _has_paints(view) and not (surface or over) else ()),
                 )
                 for kind, parameters in ways:
                     yield Variant(
@@ -76,6 +80,8 @@ class NonLambertian(LightFactor):
 
     def factor(self, variant: Variant, values: Values, view: View) -> FloatArray:
         """Reflectance against Lambert's law."""
+        if variant.options.get("kind") == "coated":
+            return np.maximum(1.0 + _coated(values, view), 0.02)
         bright = _excess(values, *per_view(view, "incidence terms", lambda: _terms(view)))
         if "fitted_over" in variant.options:
             bright = bright - self._mean_on_surfaces(variant, values, view)
@@ -96,7 +102,7 @@ class NonLambertian(LightFactor):
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Multiplies the light; a pixel that sees two surfaces ranges nearer to the brighter one."""
         super().apply(variant, values, state, view)
-        if {"column", "fitted_over"} & set(variant.options):
+        if {"column", "fitted_over"} & set(variant.options) or variant.options.get("kind") == "coated":
             return
         surface, channel = str(variant.options["surface"]), str(variant.options["channel"])
         if not set(means_by_light(view, channel)) & set(variant.channels):
@@ -128,6 +134,12 @@ class NonLambertian(LightFactor):
             return f"{variant.options['channel']} *= 1 + rough * sin(incidence_deg) * tan(incidence_deg){on}"
         if variant.options.get("kind") == "facets":
             return f"{variant.options['channel']} *= 1 + facets * tan(incidence_deg)^2{on}"
+        if variant.options.get("kind") == "coated":
+            return (
+                f"{variant.options['channel']} *= 1 + rough * sin(incidence_deg) * tan(incidence_deg) "
+                "+ gloss / reflectance * exp(-tan(incidence_deg)^2 / slope^2) * G / cos(incidence_deg)^6, "
+                "G = min(1, 2 cos(incidence_deg)^2)"
+            )
         return (
             f"{variant.options['channel']} *= 1 + oblique * sin(incidence_deg)^2 "
             f"+ lobe * cos(2 incidence_deg)^sharpness{on}"
@@ -171,6 +183,24 @@ def _terms_of(incidence_deg: FloatArray) -> tuple[FloatArray, FloatArray, FloatA
     return sine, sine / away**2, mirror
 
 
+def _has_paints(view: View) -> bool:
+    """Whether targets have several reflectances, which are all known."""
+    return view.varies("reflectance") and float(view.span("reflectance")[0]) > 0.0
+
+
+def _coated(values: Values, view: View) -> FloatArray:
+    """What a rough paint under a face of facets adds to Lambert's law, of 1.
+
+    D·G / (4·cos²a) over reflectance/π, D = exp(−tan²a/slope²) / (π·slope²·cos⁴a) (Cook, Torrance, ACM Trans. Graph. 1
+    (1982) 7): source and eye are together, so that a facet faces both or neither; G is what facets shade.
+    """
+    sine, tangent, _ = per_view(view, "incidence terms", lambda: _terms(view))
+    shaded = np.minimum(1.0, 2.0 / (1.0 + tangent))
+    face = np.exp(-tangent / float(values["slope"]) ** 2) * (1.0 + tangent) ** 3 * shaded
+    gloss = float(values["gloss"]) / np.maximum(np.nan_to_num(view.number("reflectance"), nan=np.inf), _BLACKEST)
+    return np.asarray(float(values["rough"]) * np.sqrt(sine * tangent) + gloss * face)
+
+
 def _excess(values: Values, sine: FloatArray, tangent: FloatArray, mirror: FloatArray) -> FloatArray:
     """What oblique light and the lobe, or facets, add to Lambert's law, of 1."""
     if "facets" in values:
@@ -183,6 +213,13 @@ def _excess(values: Values, sine: FloatArray, tangent: FloatArray, mirror: Float
 
 _GRAZING = 0.1
 """Cosine of the incidence (84°) beyond which facets stand in each other's shadow."""
+_BLACKEST = 0.01
+"""Reflectance below which no paint is."""
+_COATED = (
+    amplitude("rough", "1", -1.0, 3.0, 0.1),
+    amplitude("gloss", "1", 0.0, 0.5, 0.01),
+    shape("slope", "1", 0.03, 1.0, 0.2),
+)
 _ROUGH_AND_GLOSSY = (
     amplitude("oblique", "1", -2.0, 5.0, 0.1),
     amplitude("lobe", "1", -0.5, 5.0, 0.05),
