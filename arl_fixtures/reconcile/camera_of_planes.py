@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from arl_fixtures.reconcile.effects_camera import Camera
-from arl_fixtures.reconcile.effects_common import distances, pure_rows, simulated_range_m
+from arl_fixtures.reconcile.effects_common import distances, per_table, pure_rows, simulated_range_m
 from arl_fixtures.reconcile.view import View
 
 FloatArray = NDArray[np.float64]
@@ -35,8 +35,6 @@ _BETTER = 0.5
 _PITCHES_DEG = np.geomspace(0.05, 8.0, 100)
 _OTHER = 0.2
 """How much larger or smaller pixels are of another size."""
-_MOST_DISTORTION, _FOLDED = 0.5, 0.24
-"""Of a lens, as k4, and its square of the angle, from which an image folds."""
 
 
 def camera_of_planes(view: View) -> Camera | None:
@@ -84,14 +82,13 @@ def _alone(centre: tuple[float, float], groups: list[Seen]) -> Camera | None:
 
     def camera(place: FloatArray) -> Camera:
         f = float(np.exp(place[0]))
-        return Camera(fx=f, fy=f, cx=centre[0], cy=centre[1], k4=max(float(place[1]), 0.0))
+        return Camera(fx=f, fy=f, cx=centre[0], cy=centre[1], k4=float(place[1]))
 
     widest = max(float(np.max(np.abs(u - centre[0]))) for u, _, _ in groups)
 
     def bend(place: FloatArray) -> float:
-        folded = float(place[1]) * (widest / np.exp(place[0])) ** 2
-        possible = 0.0 <= place[1] <= _MOST_DISTORTION and folded < _FOLDED
-        return _bend(camera(place), groups) if possible else np.inf
+        one = camera(place)
+        return _bend(one, groups) if one.is_possible(widest) else np.inf
 
     def pinhole(place: FloatArray) -> float:
         return bend(np.array([place[0], 0.0]))
@@ -107,15 +104,15 @@ def _alone(centre: tuple[float, float], groups: list[Seen]) -> Camera | None:
     return camera(at) if found < min(_FLAT, _BETTER * others) else None
 
 
-def _seen(view: View) -> list[Seen] | None:
-    """What the table's pixels see of planes; None without an image of surfaces that have names and ranges."""
+def _seen(view: View) -> list[Seen]:
+    """What the table's pixels see of planes; empty without an image of surfaces that have names and ranges."""
     numbers = view.columns.numbers
     if not {"pixel_u", "pixel_v"} <= set(numbers) or "surface" not in view.columns.categories or not distances(view):
-        return None
+        return []
     u, v = numbers["pixel_u"], numbers["pixel_v"]
     if np.unique(v[np.isfinite(v)]).size < _FEWEST_ROWS:
-        return None
-    return _surfaces(view, u, v, simulated_range_m(view))
+        return []
+    return per_table(view, "planes of pixels", lambda: _surfaces(view, u, v, simulated_range_m(view)))
 
 
 def _middle(view: View) -> tuple[float, float]:

@@ -19,6 +19,8 @@ _BEAM_DEG = (75.0, 18.0)
 _SAME_RAY_DEG = 0.02
 _SAME_PIXEL = 0.03
 _MOST_DISTORTION = 0.6
+_MOST_LIKELY, _FOLDED = 0.5, 0.24
+"""k4 of a lens, and that times the square of the angle, beyond which none is looked for: the image would fold."""
 _BINS = (1, 2, 4)
 
 
@@ -31,6 +33,10 @@ class Camera:
     cx: float
     cy: float
     k4: float
+
+    def is_possible(self, reach_px: float) -> bool:
+        """Whether a lens like this is made, and does not fold the image within so many pixels of its axis."""
+        return self.fx > 0.0 and 0.0 <= self.k4 <= _MOST_LIKELY and self.k4 * (reach_px / self.fx) ** 2 < _FOLDED
 
     def rays(
         self, u: FloatArray, v: FloatArray, focal: FloatArray | float = 1.0

@@ -164,8 +164,7 @@ def _profile(view: View, channel: str, axes: tuple[Across, Across]) -> Illuminat
         for known, scenery in sceneries(view, rows, powers):
             tried: list[tuple[float, FloatArray, tuple[tuple[int, int], ...]]] = []
             for plain in (*_PLAIN, *powers_of_a_line(x, y), set(every)):
-                known_powers = plain <= set(every)
-                terms = tuple(term for term in every if term in plain) if known_powers else tuple(sorted(plain))
+                terms = tuple(sorted(plain))
                 basis = [np.ones(rows.size), *(x**i * y**j for i, j in terms)]
                 solution, rest = robust(np.column_stack([*basis, *scenery]), target - known)
                 if set(terms) in _PLAIN and _fall(terms, solution[1 : len(terms) + 1]) > _STEEPEST:

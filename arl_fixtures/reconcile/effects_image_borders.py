@@ -73,7 +73,8 @@ def borders_in_images(view: View) -> ImageBorders | None:
     if sides is None:
         return None
     flat = {name: _flat(view, name) for name in (*signals(view), *distances(view))}
-    own, other = ({n: _alone(view, flat, n, sides)[k] for n in signals(view)} for k in (0, 1))
+    alone = {n: _alone(view, flat, n, sides) for n in signals(view)}
+    own, other = ({n: light[k] for n, light in alone.items()} for k in (0, 1))
     part = part_of(sides, view, channel, pulled_channels(view))
     part[(sides.own < 0) | (sides.other < 0) | (np.abs(own[channel] - other[channel]) < _CONTRAST)] = np.nan
     wide = np.array([_degrees_for(view, column, angle) for column, angle, _ in _AXES])

@@ -23,6 +23,8 @@ _HIGHEST, _PLACES = 4, 2
 """Power of a polynomial along an axis, and how many columns or rows of pixels each power needs."""
 _SMOOTH = 0.03
 """Standard deviation of what is left of ln light, or of ln range, at most: else the surface has a texture."""
+_UNIT_PX = 10.0
+"""Pixels in which places are told, so that powers stay alike in size."""
 _BEYOND_PX = 2.0
 """Pixels beyond those that show a surface up to which its polynomial goes on: pixels at a border."""
 
@@ -52,10 +54,6 @@ class _Trends:
     def _level(self, rows: IntArray, of: IntArray) -> FloatArray:
         at = np.clip(self.place[rows], self.first[of] - _BEYOND_PX, self.last[of] + _BEYOND_PX) - self.middle[of]
         return np.asarray(np.sum(self.powers[of] * _powers(at / _UNIT_PX), axis=1))
-
-
-_UNIT_PX = 10.0
-"""Pixels in which places are told, so that powers stay alike in size."""
 
 
 def along_surface(view: View, name: str, place: IntArray) -> FloatArray:

@@ -15,7 +15,7 @@ from arl_fixtures.reconcile.channel_data import ChannelData
 from arl_fixtures.reconcile.columns import FloatArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.law import Law
-from arl_fixtures.reconcile.law_fit import Chosen, each_fold
+from arl_fixtures.reconcile.law_fit import Chosen, confirm, each_fold
 from arl_fixtures.reconcile.law_search import settled
 from arl_fixtures.reconcile.law_work import ALL_ROWS, Work
 from arl_fixtures.reconcile.noise import less_constants
@@ -42,9 +42,14 @@ def told_closer(looker: Looker, data: ChannelData, state: State, law: Law, chose
     _, tau = data.fit_scatter(data.measured - data.expect * corrected[data.use])
     bases = [t.basis for t in chosen.terms]
     least, best = CLOSER, law
+    if not tau.get("step", 0.0) > 0.0:
+        return law
     work = Work(data, state, looker.features, tau, ALL_ROWS)
-    before = _squares(work, chosen)
-    for share in SHARES if tau.get("step", 0.0) > 0.0 else ():
+    same = confirm(work, bases)  # what is compared is whitened alike
+    if len(same.terms) < len(bases):
+        return law
+    before = _squares(work, same)
+    for share in SHARES:
         tighter = Work(data, state, looker.features, {**tau, "step": share * tau["step"]}, ALL_ROWS)
         trial, found = settled(tighter, data, state, looker, bases)
         if len(found.terms) < len(bases):

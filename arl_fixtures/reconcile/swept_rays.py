@@ -26,7 +26,6 @@ _FEWEST_COLUMNS, _FEWEST_ANGLES = 6, 6
 _PITCHES_DEG = np.geomspace(0.02, 8.0, 300)
 _DISTORTIONS = (0.0, 0.1, 0.2, 0.33)
 """From a pinhole to a lens whose angle is the place in the image, as k4."""
-_MOST_DISTORTION, _FOLDED = 0.5, 0.24
 _WIDEST_DEG = 160.0
 _CLEARLY = 0.25
 """Share of the jumps along single sweeps below which the curve is one scene's."""
@@ -97,8 +96,7 @@ class _Sweep:
 
     def jumps(self, pitch_deg: float, k4: float, way: float) -> float:
         """How the curve jumps that a camera draws; infinite for one that folds its image."""
-        folded = k4 * np.radians(pitch_deg * self.reach) ** 2
-        if not (pitch_deg > 0.0 and 0.0 <= k4 <= _MOST_DISTORTION and folded < _FOLDED):
+        if not (pitch_deg > 0.0 and self.camera(pitch_deg, k4).is_possible(self.reach)):
             return np.inf
         azimuth, elevation = self.camera(pitch_deg, k4).angles_deg(self.u, self.v)
         level = self.level

@@ -18,6 +18,7 @@ from arl_fixtures.reconcile.effects_common import (
     shape,
 )
 from arl_fixtures.reconcile.effects_frame import add_stray_light, has_frames
+from arl_fixtures.reconcile.effects_phasor import ambiguity_shape
 from arl_fixtures.reconcile.effects_strips import room
 from arl_fixtures.reconcile.effects_wall import by_the_wall, law_by_the_wall, logged_walls
 from arl_fixtures.reconcile.roles import Role, per_metre, unit_of
@@ -67,8 +68,7 @@ class Multipath(Effect):
             seen = [name for name in ("stage_angle_deg", "azimuth_deg") if view.varies(name)]
             weak = ["reflectance"] if view.varies("reflectance") else []  # the less it shines, the more that weighs
             of_room = (*seen, f"sim_{far[0]}", *weak)
-            farthest = view.span(f"sim_{far[0]}")[1]
-            ambiguity = shape("ambiguity", unit, farthest, 10.0 * farthest, 2.0 * farthest)
+            ambiguity = ambiguity_shape(view, far[0])
             for source in ("room", "lamps") if bounced(view) is not None else ("room",):
                 yield self._variant(source, (share,), everything, of_room)
                 yield self._variant(source, (share, ambiguity), everything, of_room, phase=True)

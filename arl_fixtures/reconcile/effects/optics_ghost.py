@@ -83,7 +83,8 @@ class Ghost(Effect):
         mirror = Mirror(float(values.get("centre_u", 0.0)), float(values.get("centre_v", 0.0)), across, along)
         blur = float(values.get("blur", 0.0))
         rendered = mirrored_image(view, mirror, blur)
-        moved = ranged_by(view, channel) if float(values.get("pull", 0.0)) > 0.0 else ()
+        pulsed = variant.options.get("over") == "pulse"
+        moved = ranged_by(view, channel) if pulsed or float(values.get("pull", 0.0)) > 0.0 else ()
         if rendered is not None:
             seen = rendered[0] * state[channel]
             far = {distance: rendered[1][distance] for distance in moved}
@@ -93,10 +94,8 @@ class Ghost(Effect):
         else:
             seen = mirrored(view, state, channel, mirror)
             far = {distance: mirrored(view, state, distance, mirror) for distance in moved}
-        if variant.options.get("over") == "pulse":
-            nearest = ranged_by(view, channel)[0]
-            away = mirrored(view, state, nearest, mirror) - state[nearest]
-            seen = seen * within(away, float(values["overlap"]))
+        if pulsed:
+            seen = seen * within(far[moved[0]] - state[moved[0]], float(values["overlap"]))
         add_stray_light(
             view, state, channel, stray=share * seen, far=far, pull=float(values.get("pull", 0.0)), kept=1.0
         )
