@@ -7,6 +7,7 @@ import zlib
 import numpy as np
 
 from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.noise_of_the_simulation import own_noise
 from arl_fixtures.reconcile.play import play_of
 from arl_fixtures.reconcile.roles import BEARING_SIGNS, FIELD_COLUMNS, HALF_TURN_DEG, PIXEL, Role
 from arl_fixtures.reconcile.seen_again import of_places
@@ -15,6 +16,8 @@ from arl_fixtures.reconcile.view import View
 NEIGHBOURS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 OF_NEIGHBOURS = ("~edge(", "~sweep", "~before(", "~frame(")
 """How features begin that compare a row with others."""
+NOISE_TOLD = 4.0
+"""Standard deviations of a simulation's own noise by which rows must differ."""
 _MOST_PIXELS = 1e4
 """More rows or columns than any image has; with the number of a device still told apart in a float64."""
 LEAST_OWN = 1e-3
@@ -60,12 +63,14 @@ def features_of(view: View) -> dict[str, FloatArray]:
             count = np.isfinite(stacked).sum(axis=0)
             if np.mean(count > 0) > 0.05:
                 mean = np.nansum(stacked, axis=0) / np.maximum(count, 1)
-                found[f"~edge({signal})"] = of_places(view, signal, np.where(count > 0, mean / own - 1.0, np.nan))
+                edge = _beyond_noise(view, signal, mean / own - 1.0, own)
+                found[f"~edge({signal})"] = of_places(view, signal, np.where(count > 0, edge, np.nan))
         if view.varies("stage_angle_deg"):
             for steps in (-1, 1):
-                beside = view.in_sweep(state, signal, steps=steps) / own - 1.0
+                beside = _beyond_noise(view, signal, view.in_sweep(state, signal, steps=steps) / own - 1.0, own)
                 found[f"~sweep{steps:+d}({signal})"] = of_places(view, signal, beside)
-            found[f"~before({signal})"] = view.acquired_before(state, signal) / own - 1.0
+            before = view.acquired_before(state, signal) / own - 1.0
+            found[f"~before({signal})"] = _beyond_noise(view, signal, before, own)
             if view.varies("pixel_u"):
                 found[f"~frame({signal})"] = view.frame_mean(state, signal) / own
     within = _within_step(view)
@@ -82,6 +87,15 @@ def features_of(view: View) -> dict[str, FloatArray]:
         if view.varies(name):
             found[f"~parity({name})"] = np.mod(view.number(name), 2.0)
     return {name: values for name, values in found.items() if np.isfinite(values).any()}
+
+
+def _beyond_noise(view: View, signal: str, ratio: FloatArray, own: FloatArray) -> FloatArray:
+    """A row's ratio to others less 1; nil where a simulation with noise of its own tells no difference."""
+    noise = own_noise(view)
+    if noise == 0.0:
+        return ratio
+    told = NOISE_TOLD * noise * view.number(f"sim_{signal}_std") / own
+    return np.where(np.abs(ratio) < told, 0.0, ratio)
 
 
 def _field(view: View) -> dict[str, FloatArray]:

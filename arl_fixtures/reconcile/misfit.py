@@ -16,6 +16,7 @@ from arl_fixtures.reconcile.own_driver import driven_by, has_own_driver, mends_s
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.region import rows_of_most
 from arl_fixtures.reconcile.roles import ORDERS, Role
+from arl_fixtures.reconcile.step_means import outgrows
 from arl_fixtures.reconcile.terms import Term, forward
 
 MISFIT_SHARE, HIDDEN_SHARE, EXACT_SHARE = 0.15, 0.004, 0.0004
@@ -51,33 +52,40 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
     Two laws of the same drivers that undo each other draw a curve by their difference: neither is seen.
     """
     new = ranked.fit.terms[-1]
-    if base.terms and _is_beyond_reach(new):
-        return True
+    if (base.terms or new.effect.mixes) and _is_beyond_reach(new):
+        return True  # half of an image and its mirror averages what the simulation of an even scene has of noise
     if _mends_side_effects(problem, ranked) or _undoes(problem, base, ranked) or _worsens_own(problem, base, ranked):
         return True
     for index, term in enumerate(base.terms):
         if not set(term.variant.channels) & set(new.variant.channels) or _is_side(term, new):
             continue
-        if _lives_at_edges(problem, base, ranked, index, gains.get(index, 0.0)):
+        by_steps = acts_alone(problem, (base.terms[index], new))
+        if not by_steps and _lives_at_edges(problem, base, ranked, index, gains.get(index, 0.0)):
             return True
         common = bool(_shared_drivers(problem, term, new))
         alike = common and not has_own_driver(problem, ranked.fit.terms, term)
         hidden = EXACT_SHARE if term.effect.exact else HIDDEN_SHARE
         least = (MISFIT_SHARE if alike else hidden) * gains.get(index, 0.0)
         another = new.effect.several and new.effect.id == term.effect.id
-        apart = (not alike or another) and (
-            acts_alone(problem, (base.terms[index], new)) or _stands_apart(problem, base, ranked, index)
-        )
+        apart = (not alike or another) and (by_steps or _stands_apart(problem, base, ranked, index))
         clear = not common and min(ranked.gain, ranked.robust) > CLEAR_GAIN
         apart = apart and (
-            ranked.gain > 0.1 * least or (clear and _grows_with(problem, base, ranked, index) < -STEADY_GAIN)
+            ranked.gain > 0.1 * least
+            or (by_steps and _outgrows(problem, term, new))
+            or (clear and _grows_with(problem, base, ranked, index) < -STEADY_GAIN)
         )
         if ranked.gain < least and not apart:
             return True
         small = ranked.gain < MISFIT_SHARE * gains.get(index, 0.0)
-        if small and not alike and mends_shape(problem, ranked.fit.terms, ranked.fit.terms[index]):
+        if small and not (alike or by_steps) and mends_shape(problem, ranked.fit.terms, ranked.fit.terms[index]):
             return True
     return False
+
+
+def _outgrows(problem: Problem, term: Term, new: Term) -> bool:
+    """Whether steps differ by a new effect by more than what the operator of an earlier one may miss of them."""
+    view = problem.view
+    return outgrows(problem, view.fresh_state(), forward([term], view), forward([new], view))
 
 
 def _shared_drivers(problem: Problem, term: Term, new: Term) -> set[str]:

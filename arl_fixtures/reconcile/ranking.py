@@ -35,6 +35,9 @@ FREED = 8
 """Rounds of a fit in which scatters no longer hold an effect where they fit."""
 
 
+_Rough = tuple[float, Candidate, Fit]
+
+
 def rank(full: Problem, small: Problem, base: Fit, candidates: Sequence[Candidate]) -> list[Ranked]:
     """Fit each candidate beside the base's terms, best first.
 
@@ -44,7 +47,7 @@ def rank(full: Problem, small: Problem, base: Fit, candidates: Sequence[Candidat
         candidates: with their starts.
     """
     price = PRICE * len(base.keys)
-    rough: list[tuple[float, Candidate, Fit]] = []
+    rough: list[_Rough] = []
     before = small.log_likelihood(forward(base.terms, small.view), lost=float(len(base.keys)))
     known = _held(full, small, base, candidates)
     trials = each(lambda c: _best_start(small, base, c), candidates, known)
@@ -53,9 +56,21 @@ def rank(full: Problem, small: Problem, base: Fit, candidates: Sequence[Candidat
         rough.append((gain, candidate, trial))
     rough.sort(key=lambda item: -item[0])
     rounds = 2 if small is full else 4
-    result = each(lambda one: _as_channels_say(full, base, one[1], one[2].terms, rounds), rough[:POLISHED], known)
+    best = _best_of_each_kind(small, base, rough)
+    result = each(lambda one: _as_channels_say(full, base, one[1], one[2].terms, rounds), best, known)
     result.sort(key=lambda r: -r.gain)
     return result
+
+
+def _best_of_each_kind(small: Problem, base: Fit, rough: list[_Rough]) -> list[_Rough]:
+    """The first few, and the first that tells steps apart where all of these and what stands act within them.
+
+    Or the reverse: what the operators of a strong name miss in single rows is no match for a law of few steps.
+    """
+    best, left = rough[:POLISHED], [r for r in rough[POLISHED:] if r[0] > 0.0]
+    if not base.terms or not left or any(acts_alone(small, trial.terms) for _, _, trial in best):
+        return best
+    return [*best, *[r for r in left if acts_alone(small, r[2].terms)][:1]]
 
 
 def _held(full: Problem, small: Problem, base: Fit, candidates: Sequence[Candidate]) -> list[object]:

@@ -53,7 +53,8 @@ from arl_fixtures.reconcile.scattered import more_than_rows
 from arl_fixtures.reconcile.scores import Candidate
 from arl_fixtures.reconcile.screen import Screening, Surcharge, all_variants, screen
 from arl_fixtures.reconcile.settling import gains_of, in_each_place, settle, shortlist
-from arl_fixtures.reconcile.small_problem import small_part, steps_alike
+from arl_fixtures.reconcile.small_problem import small_part
+from arl_fixtures.reconcile.step_screen import where_steps_scatter_less
 from arl_fixtures.reconcile.terms import Term, forward
 from arl_fixtures.reconcile.two_in_place import SECOND_NAME, sides
 
@@ -241,7 +242,8 @@ class Search:
 
     def further(self, best: Fit, chance: Screening, refused: Container[str]) -> Fit:
         """One more round beside names that stand where others fell; effects that are `refused` are not asked."""
-        self._look_again(best)
+        best = self._seen_anew(best)
+        self.gains = gains_of(self.full, best)
         screening = self.candidates(best.terms, with_chance=False)
         left = tuple(c for c in screening.candidates if c.term.effect.id not in refused)
         return self._taken(self.ask(best, replace(screening, candidates=left), chance))
@@ -294,18 +296,7 @@ class Search:
     def candidates(self, terms: Sequence[Term], *, with_chance: bool) -> Screening:
         """Candidates, also with a smaller scatter of the steps: what a candidate explains may pass for it."""
         found = screen(self.small, self.variants, terms, with_chance=with_chance)
-        residual = forward(terms, self.small.view)
-        with steps_alike(self.small, residual) as handicap:
-            again = screen(self.small, self.variants, terms) if handicap > 0.0 else None
-        if again is not None:
-            best = {c.term.label: c for c in found.candidates}
-            for c in again.candidates:
-                seen = best.get(c.term.label)
-                if c.gain - handicap > (seen.gain if seen is not None else 0.0):
-                    best[c.term.label] = replace(c, gain=c.gain - handicap)
-            ranked = sorted(best.values(), key=lambda c: (-c.gain, c.term.label))
-            found = replace(found, candidates=tuple(ranked))
-        return found
+        return where_steps_scatter_less(self.small, self.variants, terms, found)
 
     def ask(self, base: Fit, screening: Screening, chance: Screening) -> Stage:
         """One round: rank the candidates beside a base, and choose what may be named."""

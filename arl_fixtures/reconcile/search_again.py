@@ -12,10 +12,12 @@ if TYPE_CHECKING:
     from arl_fixtures.reconcile.decide import Decision
 
 
+ASKED = 3
+"""Times that is asked, as long as what is found falls: it hid who comes after it once more."""
+
+
 def name_who_was_hidden(decision: Decision, at_first: frozenset[str]) -> None:
     """Ask again what else acts, without the effects that fell; what is found then must stand like any other name.
-
-    Where none of it does, all is as it was before: beside what fell again names may fall that stand without it.
 
     What is known to be like a name that stands and like one that fell would mend the shape of the one as the other
     did: it is not asked either.
@@ -26,14 +28,32 @@ def name_who_was_hidden(decision: Decision, at_first: frozenset[str]) -> None:
         at_first: ids of the effects that the search had found.
     """
     standing = frozenset(t.effect.id for t in decision.best.terms)
-    chance = decision.found.screening
-    if not standing or standing == at_first or chance is None:
-        return
     fallen = at_first - standing
-    refused = fallen | decision.refused | (_like(decision, standing) & _like(decision, fallen))
+    for _ in range(ASKED):
+        if not standing or not fallen:
+            return
+        refused = fallen | decision.refused | (_like(decision, standing) & _like(decision, fallen))
+        found = _who_stands(decision, standing, refused)
+        if found <= standing:
+            return
+        left = frozenset(t.effect.id for t in decision.best.terms)
+        if left - standing:
+            return
+        fallen |= found - standing
+
+
+def _who_stands(decision: Decision, standing: frozenset[str], refused: frozenset[str]) -> frozenset[str]:
+    """Names of one more round, those that stood among them; the decision is with those that stand then.
+
+    Where none of it does, all is as it was before: beside what fell again names may fall that stand without it.
+    """
+    chance = decision.found.screening
+    if chance is None:
+        return standing
     found = decision.search.further(decision.best, chance, refused)
+    names = frozenset(t.effect.id for t in found.terms)
     if len(found.terms) == len(decision.best.terms):
-        return
+        return standing
     before = decision.best, decision.patterns
     decision.best, decision.patterns = found, []
     decision.look()
@@ -41,10 +61,11 @@ def name_who_was_hidden(decision: Decision, at_first: frozenset[str]) -> None:
     while drop_fallen(decision):
         pass
     left = {t.effect.id for t in decision.best.terms}
-    if left < standing:
+    if left < standing or left == standing:
         decision.best, decision.patterns = before
         decision.keep(decision.best.terms)
         decision.look()
+    return names
 
 
 def _like(decision: Decision, names: frozenset[str]) -> set[str]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from arl_fixtures.reconcile.acceptance import PRICE
 from arl_fixtures.reconcile.channel_data import ChannelData
+from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.law import Axis, Law
 from arl_fixtures.reconcile.law_fit import Chosen
 from arl_fixtures.reconcile.law_search import gain_of_others, search_law
@@ -201,15 +202,25 @@ class Standing:
         def needed(others: float) -> float:
             return needed_by_law(named + others, plain, acting, law.drivers, at_edges=edges, is_line=is_line)
 
-        return _Rival(law, chosen, needed) if is_rival(chosen, needed(0.0)) else None
+        sure = _sureness(d, bare, own)
+        return _Rival(law, chosen, needed) if is_rival(chosen, needed(0.0), sure) else None
 
 
-def is_rival(chosen: Chosen, needed: float) -> bool:
+def is_rival(chosen: Chosen, needed: float, sure: float = np.inf) -> bool:
     """Whether a law says something by itself, and clearly more than names do.
 
-    A name that acts elsewhere costs a channel its price: a law of next to nothing says more there.
+    A name that acts elsewhere costs a channel its price: a law of next to nothing says more there. Of what few blocks
+    tell only, names are no surer than a law is: `sure` is their significance over blocks.
     """
-    return chosen.z > LEAST_Z and chosen.plain > max(needed, BEATEN_BY)
+    return chosen.z > min(LEAST_Z, sure) and chosen.plain > max(needed, BEATEN_BY)
+
+
+def _sureness(d: ChannelData, bare: State, own: State) -> float:
+    """Significance over a channel's blocks of what names gain, as that of a law is told (`Chosen.z`)."""
+    before, after = (d.whiten(d.residual(state)) for state in (bare, own))
+    gains = np.bincount(d.block, 0.5 * (before**2 - after**2))
+    gains = gains[np.bincount(d.block) > 0]
+    return float(gains.sum() / max(float(np.linalg.norm(gains - gains.mean())), 1e-300))
 
 
 def _marks_of(chosen: Chosen) -> set[Axis]:

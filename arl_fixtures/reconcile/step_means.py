@@ -18,6 +18,8 @@ from arl_fixtures.reconcile.terms import Term, forward
 WITHIN_STEPS = 0.1
 """Share of a change, between steps, below which it acts within steps and tells nothing of what steps differ by."""
 
+MISSED = 0.3
+"""Part of a change of the steps' means that an operator which acts within steps may miss."""
 GOING, STAYING = 0.5, 0.8
 """Share of a name's gain that must come and go where the same is seen, and of what is left that must stay there."""
 CLEAR_GAIN = 20.0
@@ -57,6 +59,27 @@ def beside_constants(d: ChannelData, change: FloatArray) -> FloatArray:
     if not d.calibrated:
         return change
     return change - (np.bincount(d.unit, change) / np.maximum(np.bincount(d.unit), 1))[d.unit]
+
+
+def outgrows(problem: Problem, bare: State, before: State, own: State) -> bool:
+    """Whether steps' means differ by one change by more than what an operator may miss of another change of them.
+
+    Args:
+        problem: the table.
+        bare: without either.
+        before: with the effect whose operator may miss something; own: with the other one.
+    """
+    size = [0.0, 0.0]
+    for d in problem.data:
+        name = d.channel.name
+        if before[name] is bare[name] or own[name] is bare[name]:
+            continue
+        for k, state in enumerate((before, own)):
+            change = state[name] - bare[name]
+            share = share_between(d, change)
+            moved = beside_constants(d, change[d.use] / d.scale)
+            size[k] += share * float(np.mean(moved**2)) if np.isfinite(share) else 0.0
+    return size[1] > MISSED**2 * size[0]
 
 
 def share_between(d: ChannelData, change: FloatArray) -> float:

@@ -125,3 +125,44 @@ def test_readings_off_by_themselves_hide_no_drift_of_centimetres(read):
     """All of the drift seems to be steps' scatter: as long as they count for nothing, rows say that there is none."""
     (finding,) = diagnose(start_pulse_table(21, read))[0].findings
     assert finding.effect == "timing.temperature_offset"
+
+
+def camera_table(seed, drift_per_k, ghost, steps=5):
+    """A camera before a striped wall with a bright board; a lens throws `ghost` of all light to the opposite side.
+
+    Light is of 3 by 3 points in each pixel, the mirror's centre is a point and not a pixel; the gain is that of an
+    avalanche diode as above.
+    """
+    rng = np.random.default_rng(seed)
+    angles, columns, rows, fine = np.array([-14.0, -5.0, 0.0, 6.0, 15.0]), 20, 12, 3
+    temperature = np.linspace(-20.0, 65.0, steps)
+    fine_u, fine_v = np.arange(columns * fine), np.arange(rows * fine)
+    bearing = (fine_u[None, None, :] / fine - columns / 2) * 2.5 + angles[:, None, None]
+    lift = (fine_v[None, :, None] / fine - rows / 2) * 2.5 + 0.0 * bearing
+    board = (np.abs(bearing - 6.0) < 6.0) & (np.abs(lift + 5.0) < 5.0)
+    wall = np.where(np.sin(np.radians(21.0 * bearing)) > 0.0, 0.2, 0.6)
+    radiance = 8e3 * np.where(board, 0.95 / 2.0**2, wall / 3.5**2) * np.cos(np.radians(bearing)) ** 2
+    thrown = radiance + ghost * np.roll(radiance[:, ::-1, ::-1], 1, axis=2)
+
+    def seen(image):
+        return image.reshape(len(angles), rows, fine, columns, fine).mean(axis=(2, 4))
+
+    bias, breakdown = 140.0, 150.0 + drift_per_k * (temperature - 25.0)
+    gain = (1.0 - (bias / 150.0) ** 0.8) / (1.0 - (bias / breakdown) ** 0.8)
+    step, at, v, u = (
+        x.ravel() for x in np.meshgrid(*(np.arange(n) for n in (steps, 5, rows, columns)), indexing="ij")
+    )
+    light, sigma = seen(radiance)[at, v, u], np.sqrt(seen(radiance)[at, v, u] + 25.0)
+    return columns_of(pa.table({
+        "step": step, "stage_angle_deg": angles[at], "pixel_u": u, "pixel_v": v, "n_frames": np.full(step.size, 60.0),
+        "housing_temperature_c": temperature[step] + rng.normal(0.0, 0.2, (steps, 5))[step, at],
+        "sim_intensity_counts": light, "sim_intensity_counts_std": sigma,
+        "intensity_counts": seen(thrown)[at, v, u] * gain[step] + sigma / np.sqrt(60.0) * rng.normal(size=step.size),
+    }))  # fmt: skip
+
+
+def test_a_gain_over_five_steps_is_told_beside_what_pixels_tell_far_clearer():
+    found = [{f.effect, *f.equivalent_to} for f in diagnose(camera_table(12, 8e-3, 0.03))[0].findings]
+    assert len(found) == 2
+    assert "optics.ghost" in found[0]
+    assert "detector.gain_temperature" in found[1]
