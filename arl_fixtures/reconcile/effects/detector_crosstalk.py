@@ -14,12 +14,14 @@ from arl_fixtures.reconcile.effect import Effect, Parameter, Stage, State, Value
 from arl_fixtures.reconcile.effects_beside import seen_beside
 from arl_fixtures.reconcile.effects_common import FloatArray, per_view, shape
 from arl_fixtures.reconcile.effects_frame import ranged_by
+from arl_fixtures.reconcile.effects_overlap import overlap_shape, within
 from arl_fixtures.reconcile.effects_render import pixel_beside
 from arl_fixtures.reconcile.roles import Role
 from arl_fixtures.reconcile.view import View
 
 BoolArray = NDArray[np.bool_]
 
+_CORNERS = ((-1, -1), (-1, 1), (1, -1), (1, 1))
 _NEIGHBOURS = {
     "both": ((-1, 0), (1, 0), (0, -1), (0, 1)),
     "rows": ((-1, 0), (1, 0)),
@@ -33,8 +35,10 @@ class Crosstalk(Effect):
 
     Where both leak, the ones of the column may by `across` of what those of the row do.
 
-    What leaks is charge, or the pulse itself: then the distance is the mean of all that arrives by its light. At the
-    ends of the array it may leak into what nobody reads.
+    What leaks is charge, or the pulse itself: then the distance is the mean of all that arrives by its light; or the
+    trace before the echo is found in it, to which adds what comes within the pixel's own pulse (`effects_overlap`):
+    the pixels at the corners then leak `corners` of what the direct neighbours do. At the ends of the array it may
+    leak into what nobody reads.
     """
 
     id = "detector.crosstalk"
@@ -52,14 +56,19 @@ class Crosstalk(Effect):
             ways = [
                 way for way in _NEIGHBOURS if way != "uneven" or (view.varies("pixel_u") and view.varies("pixel_v"))
             ]
-            for direction, leaks in itertools.product(ways, ("charge", "pulse") if far else ("charge",)):
+            kinds = list(itertools.product(ways, ("charge", "pulse") if far else ("charge",)))
+            if far and "uneven" in ways:
+                kinds.append(("both", "trace"))
+            for direction, leaks in kinds:
                 share = Parameter(name="share", unit="1", low=0.0, high=0.2, null=0.0, typical=0.01)
-                across = shape("across", "1", 0.05, 5.0, 0.6)
+                shapes = [shape("across", "1", 0.05, 5.0, 0.6)] if direction == "uneven" else []
+                if leaks == "trace":
+                    shapes = [shape("corners", "1", 0.0, 1.0, 0.2), overlap_shape(view, far[0])]
                 yield Variant(
                     effect=self.id,
                     options={"channel": channel.name, "direction": direction, "leaks": leaks},
-                    parameters=(share, across) if direction == "uneven" else (share,),
-                    channels=(*(far if leaks == "pulse" else ()), channel.name),
+                    parameters=(share, *shapes),
+                    channels=(*(far if leaks != "charge" else ()), channel.name),
                     drivers=("pixel_u", "pixel_v"),
                 )
 
@@ -72,11 +81,12 @@ class Crosstalk(Effect):
     def apply(self, variant: Variant, values: Values, state: State, view: View) -> None:
         """Neighbours that neither the table holds nor the known scene shows give and take nothing."""
         channel, shifts = str(variant.options["channel"]), _NEIGHBOURS[str(variant.options["direction"])]
-        far = ranged_by(view, channel) if variant.options.get("leaks") == "pulse" else ()
+        leaks = variant.options.get("leaks")
+        far = ranged_by(view, channel) if leaks in ("pulse", "trace") else ()
         own = state[channel]
         leak = np.zeros(view.n)
         moments = {distance: np.zeros(view.n) for distance in far}
-        for du, dv in shifts:
+        for du, dv in (*shifts, *(_CORNERS if leaks == "trace" else ())):
             other = view.neighbour(state, channel, du=du, dv=dv)
             lacking = np.isnan(other)
             unseen = _unseen(view, du, dv, lacking) if lacking.any() else None  # of a table that holds some pixels
@@ -85,12 +95,16 @@ class Crosstalk(Effect):
             if "ends" in variant.options:
                 other = np.where(_beyond(view, str(variant.options["ends"]), du, dv), 0.0, other)
             part = float(values["across"]) if dv and "across" in values else 1.0
+            if du and dv:
+                part = float(values["corners"])
+            away = {name: view.neighbour(state, name, du=du, dv=dv) - state[name] for name in far}
+            if unseen is not None:
+                away = {name: np.where(np.isnan(there), unseen[1], there) for name, there in away.items()}
+            if leaks == "trace":
+                other = np.where(np.isnan(other), other, other * within(away[far[0]], float(values["overlap"])))
             leak = leak + part * np.nan_to_num(other - own)
             for distance in far:
-                farther = view.neighbour(state, distance, du=du, dv=dv) - state[distance]
-                if unseen is not None:
-                    farther = np.where(np.isnan(farther), unseen[1], farther)
-                moments[distance] += part * np.nan_to_num(other * farther)
+                moments[distance] += part * np.nan_to_num(other * away[distance])
         light = own + values["share"] * leak
         for distance, moment in moments.items():
             with np.errstate(invalid="ignore", divide="ignore"):
@@ -101,6 +115,12 @@ class Crosstalk(Effect):
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel = variant.options["channel"]
+        if variant.options.get("leaks") == "trace":
+            within_pulse = "exp(-(distance[neighbours] - distance)^2 / (2 overlap^2))"
+            return (
+                f"{channel} += share * sum({channel}[neighbours] * {within_pulse} - {channel}), corners * share at "
+                "corners; distance is the mean by light"
+            )
         pulled = "; distance += share * sum(" if variant.options.get("leaks") == "pulse" else ""
         pulled += f"{channel}[neighbours] * (distance[neighbours] - distance)) / {channel}" if pulled else ""
         pulled += f"; {channel} = 0 beyond the array" if "ends" in variant.options else ""
@@ -121,6 +141,8 @@ class Crosstalk(Effect):
         further = ""
         if "across" in values:
             further = f", {values['across'] * values['share'] * 100:.2f} % into each of its column neighbours"
+        if "corners" in values:
+            further = f", {values['corners'] * values['share'] * 100:.2f} % at its corners, within the pulse"
         if "ends" in variant.options:
             further += ", beyond the ends of the array as well"
         return f"A pixel leaks {values['share'] * 100:.2f} % of its signal into each of {direction}{further}."
