@@ -17,8 +17,8 @@ _FEWEST_PX = 7.0
 
 
 def has_field(view: View) -> bool:
-    """Whether rows and columns of the image span enough pixels for a field."""
-    return all(view.varies(name) and span(view, name) >= _FEWEST_PX for name in PIXEL)
+    """Whether an image spans enough pixels for a field; a few rows of long lines do."""
+    return view.has(*PIXEL) and any(view.varies(name) and span(view, name) >= _FEWEST_PX for name in PIXEL)
 
 
 def middle_options(view: View) -> dict[str, Option]:

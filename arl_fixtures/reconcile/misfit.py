@@ -15,13 +15,15 @@ from arl_fixtures.reconcile.fit import Fit
 from arl_fixtures.reconcile.own_driver import driven_by, has_own_driver, mends_shape
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.region import rows_of_most
-from arl_fixtures.reconcile.roles import ORDERS, Role
+from arl_fixtures.reconcile.roles import ORDERS, PIXEL_COLUMNS, Role
 from arl_fixtures.reconcile.step_means import outgrows
 from arl_fixtures.reconcile.terms import Term, forward
 
 MISFIT_SHARE, HIDDEN_SHARE, EXACT_SHARE = 0.15, 0.004, 0.0004
 """A further effect on a channel must gain this share of what one there gains: with a driver in common, without one,
 and without one where that one's law is a plain number, which leaves nothing."""
+PICTURE_SHARE = 0.015
+"""The same where both are pictures over the pixels, the further one by no other column."""
 QUIET, QUIET_GAIN = 0.15, 3.0
 """Share of its mean square below which an effect hardly acts, and what a further one must gain there."""
 STILL = 0.3
@@ -65,9 +67,12 @@ def is_misfit(problem: Problem, base: Fit, ranked: Ranked, gains: Mapping[int, f
         common = bool(_shared_drivers(problem, term, new))
         alike = common and not has_own_driver(problem, ranked.fit.terms, term)
         hidden = EXACT_SHARE if term.effect.exact else HIDDEN_SHARE
+        picture = driven_by(new) <= driven_by(term) and bool(driven_by(new) & PIXEL_COLUMNS)
+        if picture:
+            hidden = max(hidden, PICTURE_SHARE)
         least = (MISFIT_SHARE if alike else hidden) * gains.get(index, 0.0)
         another = new.effect.several and new.effect.id == term.effect.id
-        apart = (not alike or another) and (by_steps or _stands_apart(problem, base, ranked, index))
+        apart = (another or not (alike or picture)) and (by_steps or _stands_apart(problem, base, ranked, index))
         clear = not common and min(ranked.gain, ranked.robust) > CLEAR_GAIN
         apart = apart and (
             ranked.gain > 0.1 * least

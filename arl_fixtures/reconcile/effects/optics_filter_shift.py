@@ -110,25 +110,26 @@ class FilterShift(LightFactor):
                 )
 
     def _by_pixels(self, view: View, columns: Sequence[str]) -> Iterable[Variant]:
-        """The same where no rays are known: with the angle alone, and with a temperature."""
-        for channel in lit_signals(view):
-            for column in ("", *columns):
-                drift = (shape("line_drift", "1/K", -_MOST_DRIFT, _MOST_DRIFT, 2.7e-4, 2e-5),) if column else ()
-                yield Variant(
-                    effect=self.id,
-                    options={
-                        "channel": channel, "temperature": column, "reach": USUAL_REACH,
-                        "reference": reference(view, column) if column else 0.0, **middle_options(view),
-                    },
-                    parameters=(
-                        amplitude("tilt", "half-widths", 0.0, 200.0, 5.0),
-                        *drift,
-                        _OFFSET,
-                        _CAVITIES,
-                    ),
-                    channels=light_channels(view, channel),
-                    drivers=(*PIXEL, *((column,) if column else ())),
-                )  # fmt: skip
+        """The same where no rays are known: with the angle alone, with a temperature, and as its drift alone."""
+        reach = float(_shift(USUAL_REACH**2 / (1.0 + USUAL_REACH**2)))
+        kinds = [("", False), *((column, simulated) for column in columns for simulated in (False, True))]
+        for channel, (column, simulated) in itertools.product(lit_signals(view), kinds):
+            drift = (shape("line_drift", "1/K", -_MOST_DRIFT, _MOST_DRIFT, 2.7e-4, 2e-5),) if column else ()
+            parameters = (amplitude("tilt", "half-widths", 0.0, 200.0, 5.0), *drift)
+            if simulated:
+                tilt = shape("tilt", "half-widths", 0.3 / reach, 8.0 / reach, 1.0 / reach, 3.0 / reach)
+                parameters = (self._drift(view, column), amplitude("line", "half-widths", -1.5, 1.5, 0.05), tilt)
+            yield Variant(
+                effect=self.id,
+                options={
+                    "channel": channel, "temperature": column, "reach": USUAL_REACH,
+                    "reference": reference(view, column) if column else 0.0, **middle_options(view),
+                    **({"simulated": True} if simulated else {}),
+                },
+                parameters=(*parameters, _OFFSET, _CAVITIES),
+                channels=light_channels(view, channel),
+                drivers=(column, *PIXEL) if simulated else (*PIXEL, *((column,) if column else ())),
+            )  # fmt: skip
 
     def _by_its_tilt(self, view: View, columns: Sequence[str]) -> Iterable[Variant]:
         """The same of a filter that is turned in a beam: with its angle alone, and with a temperature."""
@@ -169,14 +170,14 @@ class FilterShift(LightFactor):
                 square = np.sin(np.radians(view.number(str(variant.options["turned"])))) ** 2
             else:
                 square = per_view(view, "field sine square", lambda: _sine_square(view))
-            place = place + float(values["tilt"]) * (1.0 - np.sqrt(1.0 - square / USUAL_INDEX**2))
+            place = place + float(values["tilt"]) * _shift(square)
         known = place if variant.options.get("simulated") else np.full(view.n, offset)
         column = str(variant.options["temperature"])
         if column:
             drift = (
                 float(values["drift"]) if "drift" in values else float(values["tilt"]) * float(values["line_drift"])
             )
-            place = place + drift * excess(view, variant, column)
+            place = place + drift * excess(view, variant, column) + float(values.get("line", 0.0))
         passed, assumed = (1.0 / (1.0 + np.minimum(np.abs(y), 1e3) ** power) for y in (place, known))
         return np.asarray(np.clip(passed / assumed, 1e-6, 1e6))
 
@@ -232,4 +233,9 @@ def _sine_square(view: View) -> FloatArray:
 def _reach(view: View, angles: Sequence[str]) -> float:
     """s of the outermost ray of the table, for the usual index."""
     square = np.sin(np.radians(max(max(map(abs, view.span(name))) for name in angles))) ** 2
-    return float(np.clip(1.0 - np.sqrt(1.0 - square / USUAL_INDEX**2), 2e-3, 0.15))
+    return float(np.clip(_shift(square), 2e-3, 0.15))
+
+
+def _shift(square: float | FloatArray) -> FloatArray:
+    """s(θ) from sin²θ, for the usual index."""
+    return np.asarray(1.0 - np.sqrt(1.0 - np.asarray(square) / USUAL_INDEX**2))

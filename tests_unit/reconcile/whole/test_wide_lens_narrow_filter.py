@@ -48,3 +48,37 @@ def test_a_filter_that_drifts_where_rays_are_nearly_parallel_is_one_cause():
     (found,) = diagnose(camera(3), effects=KNOWN)[0].findings
     assert found.effect == "optics.filter_shift"
     assert {"laser_temperature_c", "azimuth_deg"} <= set(found.drivers)
+
+
+def through(angle_deg, line_nm):
+    """A line of 4 nm through a passband of 26 nm with flanks of the sixth power, turned by the ray's angle."""
+    centre = 910.0 * np.sqrt(1.0 - (np.sin(np.radians(angle_deg)) / 1.8) ** 2)
+    across = np.linspace(-5.0, 5.0, 21)
+    weight = np.exp(-0.5 * (across / 1.7) ** 2)
+    return sum(
+        w * np.exp(-np.log(2.0) * ((line_nm + x - centre) / 13.0) ** 6)
+        for w, x in zip(weight, across, strict=True)
+    ) / weight.sum()  # fmt: skip
+
+
+def line_camera(seed):
+    """Five rows of 30 pixels without rays; the simulation turns the passband, for the line at 33 °C."""
+    rng = np.random.default_rng(seed)
+    step, v, u = (x.ravel() for x in np.meshgrid(np.arange(9), np.arange(5), np.arange(30), indexing="ij"))
+    angle = np.degrees(np.hypot((u - 14.5) / 14.5, (v - 2.0) / 14.5) * 0.55)
+    warm = np.linspace(-5.0, 75.0, 9)[step] + rng.normal(0.0, 0.3, 9)[step]
+    paint = np.array([0.15, 0.5, 0.8])[(u + v + step) % 3]
+    sim = 5000.0 * paint * np.cos(np.radians(angle)) ** 2 * through(angle, 905.0)
+    true = sim * through(angle, 905.0 + 0.02 * (warm - 33.0)) / through(angle, 905.0)
+    error = np.sqrt(100.0 + sim)
+    return columns_of(pa.table({
+        "step": step.astype(float), "pixel_u": u, "pixel_v": v, "laser_temperature_c": warm, "reflectance": paint,
+        "n_frames": np.full(step.size, 50.0), "sim_intensity_counts": sim, "sim_intensity_counts_std": error,
+        "intensity_counts": true + error / np.sqrt(50.0) * rng.normal(size=step.size),
+    }))  # fmt: skip
+
+
+def test_a_line_that_drifts_behind_a_known_filter_is_told_by_a_few_rows_of_pixels():
+    (found,) = diagnose(line_camera(6), effects=KNOWN)[0].findings
+    assert found.effect == "optics.filter_shift"
+    assert {"laser_temperature_c", "pixel_u"} <= set(found.drivers)
