@@ -8,6 +8,8 @@ Cohen, Greenberg, SIGGRAPH 1986), and what it lights sends a share back over hal
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -37,18 +39,34 @@ _ON_LINE = 1e-6
 _NEAR_PART = (0.8, 1.25)
 """Of a part's range: what the ranges of its quarters are held to."""
 _CHUNK = 100
+_MARGIN, _COARSER, _LEAST_BEYOND = 0.6, 3.0, 0.15
+"""Radians about an image over which its surfaces go on, times coarser parts there, and their least cosine."""
 
 
-def cloud(view: View) -> tuple[FloatArray, FloatArray] | None:
+class Parts(NamedTuple):
+    """Parts of a scene: unit vectors to them and normals towards the sensor, (n, 3); signals, ranges, steradians."""
+
+    ray: FloatArray
+    normal: FloatArray
+    bright: FloatArray
+    away: FloatArray
+    solid: FloatArray
+
+
+def cloud(view: View, *, beyond: bool = False) -> tuple[FloatArray, FloatArray] | None:
     """Twice-bounced light of every row of the whole table over its own, and its extra one-way path.
 
     The light is over its mean: how much of it comes back remains to be fitted. The path is in the unit of the table's
     first distance. None where no image tells directions in both axes, or where nothing in it faces anything else.
+
+    Args:
+        view: rows under work.
+        beyond: surfaces at the image's rim go on beyond it, in the same light.
     """
-    return per_table(view, "cloud", lambda: _make(view))
+    return per_table(view, ("cloud", beyond), lambda: _make(view, beyond))
 
 
-def _make(view: View) -> tuple[FloatArray, FloatArray] | None:
+def _make(view: View, beyond: bool) -> tuple[FloatArray, FloatArray] | None:
     found, channel, far = scene(view), view.channel(Role.INTENSITY), distances(view)
     if found is None or not channel or not far or not all(map(view.varies, ("azimuth_deg", "elevation_deg"))):
         return None
@@ -71,7 +89,8 @@ def _make(view: View) -> tuple[FloatArray, FloatArray] | None:
         bright, away = (np.bincount(part, values[rows]) / count for values in (light, range_))
         named = np.zeros(len(count), dtype=np.int64)
         named[part] = surface[rows]
-        lit, longer = _facing_each_other(ray, bright, away, _normals(ray, away, named))
+        parts = Parts(ray, _normals(ray, away, named), bright, away, _solid_angle(ray))
+        lit, longer = _facing_each_other(parts, _beyond_view(parts) if beyond else None)
         means.append(lit.mean())
         strength[rows], detour[rows] = lit[part], longer[part]
     mean = float(np.mean(means))
@@ -80,11 +99,16 @@ def _make(view: View) -> tuple[FloatArray, FloatArray] | None:
 
 def _parts(rays: FloatArray) -> IntArray:
     """Part of the scene that each ray belongs to, 0…k−1: cells of bearing and elevation, no more than are handled."""
-    angles = np.stack([np.arctan2(rays[:, 1], rays[:, 0]), np.arcsin(np.clip(rays[:, 2], -1.0, 1.0))], axis=1)
+    angles = _angles(rays)
     size = np.sqrt(float(np.prod(np.ptp(angles, axis=0) + 1e-3)) / _MOST_PARTS)
     cells = np.floor((angles - angles.min(axis=0)) / size + 1e-6).astype(np.int64)
     width = int(cells[:, 1].max()) + 1
     return np.asarray(np.unique(cells[:, 0] * width + cells[:, 1], return_inverse=True)[1], dtype=np.int64)
+
+
+def _angles(rays: FloatArray) -> FloatArray:
+    """Bearing and elevation of unit vectors in radians, (n, 2)."""
+    return np.stack([np.arctan2(rays[:, 1], rays[:, 0]), np.arcsin(np.clip(rays[:, 2], -1.0, 1.0))], axis=1)
 
 
 def _solid_angle(ray: FloatArray) -> FloatArray:
@@ -129,22 +153,43 @@ def _plane(
     return -slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-300), left
 
 
-def _facing_each_other(
-    ray: FloatArray, bright: FloatArray, away: FloatArray, normal: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _beyond_view(parts: Parts) -> Parts:
+    """What lies about an image: of each direction the plane of the sure part that is next to it, with its paint."""
+    sure = np.isfinite(parts.normal[:, 0])
+    ray, normal, bright, away, _ = (values[sure] for values in parts)
+    if not len(ray):
+        return Parts(ray, normal, bright, away, away)
+    angles, cell = _angles(ray), _COARSER * np.sqrt(float(np.median(parts.solid)))
+    low, high = angles.min(axis=0), angles.max(axis=0)
+    axes = [np.arange(a - _MARGIN, b + _MARGIN, cell) for a, b in zip(low, high, strict=True)]
+    place = np.stack([x.ravel() for x in np.meshgrid(*axes, indexing="ij")], axis=1)
+    place = place[np.any((place < low - 0.5 * cell) | (place > high + 0.5 * cell), axis=1)]
+    place = place[np.abs(place[:, 1]) < 0.5 * np.pi]
+    bearing, rise = place.T
+    there = np.stack([np.cos(bearing) * np.cos(rise), np.sin(bearing) * np.cos(rise), np.sin(rise)], axis=1)
+    own = np.asarray(cKDTree(angles).query(place)[1])
+    level, facing = away[own] * np.sum(normal[own] * ray[own], axis=1), np.sum(normal[own] * there, axis=1)
+    seen = facing < -_LEAST_BEYOND
+    there, own, level, facing = there[seen], own[seen], level[seen], facing[seen]
+    far = level / facing
+    paint = bright[own] * away[own] / -level * away[own] ** 2
+    return Parts(there, normal[own], -paint * facing / far**2, far, cell**2 * np.cos(rise[seen]))
+
+
+def _facing_each_other(parts: Parts, beyond: Parts | None = None) -> tuple[FloatArray, FloatArray]:
     """Twice-bounced light of each part over what lights it directly, and its extra one-way path.
 
     Args:
-        ray, normal: unit vectors, (n, 3) each; bright: signals; away: ranges, (n,) each. Parts without a normal
-            send no light, and get what the nearest one gets that has one.
+        parts: those without a normal send no light, and get what the nearest one gets that has one.
+        beyond: further ones that light these.
     """
-    sure = np.asarray(np.isfinite(normal[:, 0]))
-    normal, bright = np.where(sure[:, None], normal, -ray), np.where(sure, bright, 0.0)
+    sure = np.asarray(np.isfinite(parts.normal[:, 0]))
+    normal, bright = np.where(sure[:, None], parts.normal, -parts.ray), np.where(sure, parts.bright, 0.0)
+    ray, away = parts.ray, parts.away
     place, facing = away[:, None] * ray, -np.sum(normal * ray, axis=1)
-    solid = _solid_angle(ray)
-    area = np.tile(solid * away**2 / facing, 4) / 4.0
-    sent, sender = np.tile(bright, 4) * area, np.tile(normal, (4, 1))
-    lamps = _quarters(ray, away, normal, 0.25 * np.sqrt(solid))
+    senders = [_lamps(Parts(ray, normal, bright, away, parts.solid))]
+    senders += [_lamps(beyond)] if beyond is not None else []
+    lamps, sender, sent, area = (np.concatenate(values) for values in zip(*senders, strict=True))
     there = np.linalg.norm(lamps, axis=1)
     light, longer = np.zeros(len(ray)), np.zeros(len(ray))
     for start in range(0, len(ray), _CHUNK):
@@ -162,6 +207,14 @@ def _facing_each_other(
         return np.zeros(len(ray)), longer
     nearest = np.flatnonzero(sure)[cKDTree(place[sure]).query(place)[1]]
     return light[nearest], longer[nearest]
+
+
+def _lamps(parts: Parts) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Quarters of parts: where they are, (4 n, 3), their normals, what they send, and their areas, (4 n,)."""
+    facing = -np.sum(parts.normal * parts.ray, axis=1)
+    area = np.tile(parts.solid * parts.away**2 / facing, 4) / 4.0
+    place = _quarters(parts.ray, parts.away, parts.normal, 0.25 * np.sqrt(parts.solid))
+    return place, np.tile(parts.normal, (4, 1)), np.tile(parts.bright, 4) * area, area
 
 
 def _quarters(ray: FloatArray, away: FloatArray, normal: FloatArray, off: FloatArray) -> FloatArray:

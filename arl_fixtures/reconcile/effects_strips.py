@@ -18,12 +18,15 @@ _SAME_SURFACE, _WIDEST_GAP, _LEAST_RISE_DEG = 0.05, 4, 3.0
 between its strips, and the least elevation that its light is taken to reach."""
 
 
-def room(view: View) -> tuple[FloatArray, FloatArray] | None:
+def room(view: View, *, beyond: bool = False) -> tuple[FloatArray, FloatArray] | None:
     """Light that each row's target gets from all others, over its mean, and that light's extra one-way path.
 
     Of every row of the whole table: of the rendered bench where that is known, else of what a sweep shows, or the
-    images of a camera that stands still; None where there is neither.
+    images of a camera that stands still; None where there is neither. With `beyond`, of what such images show and
+    what goes on about them; None where it is not they that tell.
     """
+    if beyond:
+        return None if bounced(view) is not None or view.varies("stage_angle_deg") else cloud(view, beyond=True)
     rendered = bounced(view)
     if rendered is not None:
         return rendered

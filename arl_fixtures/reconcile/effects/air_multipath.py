@@ -35,6 +35,7 @@ class Multipath(Effect):
       at each bearing follow from the simulated scene (every surface lights every other by its brightness, both facing
       angles and the square of their distance). A camera that measures phases (`phase`) adds phasors instead, of a
       phase of 2π·detour/ambiguity: D += ambiguity/2π·arg z, I *= |z|, z = 1 + k·exp(j·phase).
+      `beyond`: what an image shows goes on about it, and lights it, too.
     * lamps (of the nominal bench): the same by panels that shine alike to all sides.
     * image, near: stray light of the image, or of the columns within nine pixels, arrives over a longer way:
       I += share·S, D += detour·share·S / (I + share·S): weak pixels beside bright ones lengthen most.
@@ -72,6 +73,9 @@ class Multipath(Effect):
             for source in ("room", "lamps") if bounced(view) is not None else ("room",):
                 yield self._variant(source, (share,), everything, of_room)
                 yield self._variant(source, (share, ambiguity), everything, of_room, phase=True)
+            if room(view, beyond=True) is not None:
+                yield self._variant("room", (share,), everything, of_room, beyond=True)
+                yield self._variant("room", (share, ambiguity), everything, of_room, phase=True, beyond=True)
         if channel and has_frames(view):
             detour = shape("detour", unit, 0.15 * size, 5.0 * size, 0.4 * size)
             for source in ("image", "near") if view.varies("pixel_u") else ("image",):
@@ -144,7 +148,8 @@ class Multipath(Effect):
             if source == "wall":
                 part, detour = by_the_wall(variant, values, state, view)
             else:
-                lit = room(view) if source == "room" else bounced(view, plain=True)
+                beyond = bool(variant.options.get("beyond"))
+                lit = room(view, beyond=beyond) if source == "room" else bounced(view, plain=True)
                 if lit is None:
                     return
                 part, detour = share * lit[0][view.rows], lit[1][view.rows]
