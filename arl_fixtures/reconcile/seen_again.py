@@ -14,6 +14,8 @@ _SAME = 0.03
 """Relative difference of what is simulated for a pixel at one angle up to which it is the same scene."""
 _ROUNDING = 1e-9
 _PLACE = ("dut", "pixel_u", "pixel_v", "stage_angle_deg", "surface")
+_RAY = ("azimuth_deg", "elevation_deg")
+"""What tells one ray of a scanner from another, which has no pixels."""
 
 
 def seen_again(view: View, channel: str) -> tuple[IntArray, NDArray[np.bool_]]:
@@ -25,7 +27,8 @@ def seen_again(view: View, channel: str) -> tuple[IntArray, NDArray[np.bool_]]:
 
 
 def _seen_again(view: View, channel: str) -> tuple[IntArray, NDArray[np.bool_]]:
-    place = np.unique(view.columns.group(*_PLACE)[view.rows], return_inverse=True)[1].ravel().astype(np.int64)
+    names = _PLACE if view.has("pixel_u") or view.has("pixel_v") else (*_PLACE, *_RAY)
+    place = np.unique(view.columns.group(*names)[view.rows], return_inverse=True)[1].ravel().astype(np.int64)
     step = view.columns.group("dut", "cycle", "step")[view.rows]
     with np.errstate(divide="ignore", invalid="ignore"):
         log = np.log(np.abs(view.sim[channel]))

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
+from arl_fixtures.reconcile.effects_beam_borders import beam_borders, footprint_beyond, usual_step_deg
 from arl_fixtures.reconcile.effects_bench import is_sharp
 from arl_fixtures.reconcile.effects_beyond import take_beyond
 from arl_fixtures.reconcile.effects_common import (
@@ -16,6 +17,7 @@ from arl_fixtures.reconcile.effects_common import (
     distances,
     light_channels,
     per_view,
+    set_light,
     shape,
 )
 from arl_fixtures.reconcile.effects_render import ray_echoes, see_area
@@ -25,6 +27,7 @@ from arl_fixtures.reconcile.roles import Role, per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
 _PEAKS = ("echo", "locked")
+_BEAMS = ("beam", "locked beam")
 _OF_RAYS = ("first ray", "peak of rays", "peak at mean")
 _SPREAD = {
     "footprint": shape("filled", "px", 0.3, 1.1, 1.0, 0.7),
@@ -32,6 +35,8 @@ _SPREAD = {
 }
 """Means over a whole pixel: kind to how wide it is. What lies further beside it is a blur's, see `optics.defocus`."""
 _CLIMBS = 25
+_LEAST_PART = 1e-4
+"""Of a footprint that must lie beyond a border to count."""
 
 
 class EdgeMixing(Effect):
@@ -49,6 +54,8 @@ class EdgeMixing(Effect):
       of their echoes, climbed from the brightest one, or from their mean.
     * footprint: where the simulation looks through a few sharp rays, the mean of light and range (by light) over what
       the pixel sees, `filled` pixels wide.
+    * beam: where a scanner's rays lie closer than its beam is wide, light and the peak of the echoes of what a
+      Gaussian footprint of `width` degrees sees on either side of the borders that it crosses along its ring.
     * blurred: the same over a whole pixel and what a lens adds about it, with the standard deviation `blur`.
     """
 
@@ -82,6 +89,21 @@ class EdgeMixing(Effect):
                     parameters=(amplitude("share", "1", -0.9, 1.2, 0.1), *pulse),
                     channels=distances(view),
                     drivers=drivers,
+                )
+        if beam_borders(view) is not None and distances(view):
+            step, channel = usual_step_deg(view), view.channel(Role.INTENSITY)
+            for kind in _BEAMS:
+                yield Variant(
+                    effect=self.id,
+                    options={"kind": kind},
+                    parameters=(
+                        amplitude("share", "1", 0.0, 1.5, 0.5),
+                        shape("width", "deg", 0.3 * step, 30.0 * step, step, 3.0 * step),
+                        shape("pulse", "m", 0.02, 2.0, 0.3),
+                    ),
+                    channels=(*distances(view), *(light_channels(view, channel) if channel else ())),
+                    drivers=(*told, "azimuth_deg"),
+                    rough=True,
                 )
         if not borders(view).any():
             return
@@ -122,6 +144,10 @@ class EdgeMixing(Effect):
             area = float(values.get("filled", 1.0)), float(values.get("blur", 0.0))
             see_area(view, state, view.channel(Role.INTENSITY), distances(view), share, *area)
             return
+        if variant.options["kind"] in _BEAMS:
+            locked = variant.options["kind"] != "beam"
+            _see_footprint(view, state, share, float(values["width"]), float(values["pulse"]), locked=locked)
+            return
         if variant.options["kind"] == "leak":
             for name in distances(view):
                 part, there = per_view(view, ("second echo", name), partial(_echo_of_rows, view, name))
@@ -151,6 +177,10 @@ class EdgeMixing(Effect):
         if kind in _SPREAD:
             over = "`filled` pixels" if kind == "footprint" else "a pixel blurred by `blur`"
             return f"signal, distance = share * (mean by light over {over}) + (1 - share) * simulated"
+        if kind in _BEAMS:
+            which = "strongest echo" if kind == "beam" else "echo of the middle's surface"
+            seen = f"{which} of what a Gaussian footprint of width sees, echoes of length pulse"
+            return f"signal, distance = share * ({seen}) + (1 - share) * simulated"
         if kind in _OF_RAYS:
             picked = "range of the nearest ray" if kind == "first ray" else str(kind)
             law = f"where rays differ: distance += share * ({picked} - simulated distance)"
@@ -235,6 +265,41 @@ def _climbed(light: FloatArray, ranges: FloatArray, start: FloatArray, width: fl
         echo = light * np.exp(-0.5 * ((ranges - place[:, None]) / width) ** 2)
         place = np.sum(echo * ranges, axis=1) / np.maximum(np.sum(echo, axis=1), 1e-300)
     return place
+
+
+def _see_footprint(
+    view: View, state: State, share: float, width_deg: float, pulse_m: float, *, locked: bool
+) -> None:  # fmt: skip
+    """Give rows near borders a share of what a footprint sees: an echo's peak, and the light within its pulse."""
+    found, channel, first = beam_borders(view), view.channel(Role.INTENSITY), distances(view)[0]
+    if found is None:
+        return
+    parts = [footprint_beyond(border.away_deg[view.rows], width_deg) for border in found]
+    places = [border.beyond[view.rows] for border in found]
+    own = np.maximum(1.0 - sum(parts), 0.0)
+    here = np.flatnonzero(own < 1.0 - _LEAST_PART)
+
+    def both_sides(name: str) -> FloatArray:
+        return np.stack([state[name][here], *(view.take(state, name, place)[here] for place in places)], axis=1)
+
+    light = both_sides(channel) if channel else np.ones((here.size, 3))
+    echoes = np.stack([own, *parts], axis=1)[here] * np.nan_to_num(light)
+    ranges = {name: both_sides(name) for name in distances(view)}
+    echoes = np.where(np.isfinite(ranges[first]), echoes, 0.0)
+    middle = np.zeros(here.size, dtype=np.int64) if locked else np.argmax(echoes, axis=1)
+    for name, there in ranges.items():
+        start = np.take_along_axis(np.nan_to_num(there), middle[:, None], axis=1)[:, 0]
+        width = pulse_m * per_metre(unit_of(name))
+        peak = _climbed(echoes, np.nan_to_num(there), start, width)
+        moved = state[name].copy()
+        moved[here] += share * (peak - moved[here])
+        state[name] = moved
+        if name == first:
+            within = np.nansum(echoes * np.exp(-0.5 * ((there - peak[:, None]) / width) ** 2), axis=1)
+    if channel:
+        seen = state[channel].copy()
+        seen[here] += share * (within - seen[here])
+        set_light(view, state, channel, seen)
 
 
 def _echo_of_rows(view: View, name: str) -> tuple[FloatArray, FloatArray]:
