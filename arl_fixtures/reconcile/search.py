@@ -16,6 +16,7 @@ import numpy as np
 from arl_fixtures.reconcile.acceptance import (
     PATTERN_ODDS,
     Ranked,
+    acts_alone,
     evidence,
     is_as_good,
     is_repeat,
@@ -240,13 +241,18 @@ class Search:
         }
         return found
 
-    def further(self, best: Fit, chance: Screening, refused: Container[str]) -> Fit:
-        """One more round beside names that stand where others fell; effects that are `refused` are not asked."""
+    def further(self, best: Fit, chance: Screening, refused: Container[str], *, apart: bool = False) -> Fit:
+        """One more round beside names that stand where others fell; effects that are `refused` are not asked.
+
+        With `apart` only those that tell steps apart where what stands acts within them, or the reverse.
+        """
         best = self._seen_anew(best)
         self.gains = gains_of(self.full, best)
-        screening = self.candidates(best.terms, with_chance=False)
-        left = tuple(c for c in screening.candidates if c.term.effect.id not in refused)
-        return self._taken(self.ask(best, replace(screening, candidates=left), chance))
+        found = self.candidates(best.terms, with_chance=False)
+        left = [c for c in found.candidates if c.term.effect.id not in refused]
+        if apart:
+            left = [c for c in left if acts_alone(self.small, (*best.terms, c.term))]
+        return self._taken(self.ask(best, replace(found, candidates=tuple(left)), chance))
 
     def _look_beside(self, best: Fit, stages: list[Stage], chance: Screening) -> Fit:
         """One more round for channels on which nothing acts: what mends a strong effect may have crowded them out."""

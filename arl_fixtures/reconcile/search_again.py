@@ -13,7 +13,9 @@ if TYPE_CHECKING:
 
 
 ASKED = 3
-"""Times that is asked, as long as what is found falls: it hid who comes after it once more."""
+"""Times that is asked, as long as what is found falls: it hid who comes after it once more. From the second time on
+only of what tells steps apart where the names act within them, or the reverse: what a name's shape misses always has
+some other name."""
 
 
 def name_who_was_hidden(decision: Decision, at_first: frozenset[str]) -> None:
@@ -29,11 +31,11 @@ def name_who_was_hidden(decision: Decision, at_first: frozenset[str]) -> None:
     """
     standing = frozenset(t.effect.id for t in decision.best.terms)
     fallen = at_first - standing
-    for _ in range(ASKED):
+    for times in range(ASKED):
         if not standing or not fallen:
             return
         refused = fallen | decision.refused | (_like(decision, standing) & _like(decision, fallen))
-        found = _who_stands(decision, standing, refused)
+        found = _who_stands(decision, standing, refused, apart=times > 0)
         if found <= standing:
             return
         left = frozenset(t.effect.id for t in decision.best.terms)
@@ -42,7 +44,9 @@ def name_who_was_hidden(decision: Decision, at_first: frozenset[str]) -> None:
         fallen |= found - standing
 
 
-def _who_stands(decision: Decision, standing: frozenset[str], refused: frozenset[str]) -> frozenset[str]:
+def _who_stands(
+    decision: Decision, standing: frozenset[str], refused: frozenset[str], *, apart: bool
+) -> frozenset[str]:  # fmt: skip
     """Names of one more round, those that stood among them; the decision is with those that stand then.
 
     Where none of it does, all is as it was before: beside what fell again names may fall that stand without it.
@@ -50,7 +54,7 @@ def _who_stands(decision: Decision, standing: frozenset[str], refused: frozenset
     chance = decision.found.screening
     if chance is None:
         return standing
-    found = decision.search.further(decision.best, chance, refused)
+    found = decision.search.further(decision.best, chance, refused, apart=apart)
     names = frozenset(t.effect.id for t in found.terms)
     if len(found.terms) == len(decision.best.terms):
         return standing

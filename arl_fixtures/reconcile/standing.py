@@ -202,7 +202,7 @@ class Standing:
         def needed(others: float) -> float:
             return needed_by_law(named + others, plain, acting, law.drivers, at_edges=edges, is_line=is_line)
 
-        sure = _sureness(d, bare, own)
+        sure = _sureness(d, bare, own) if len(acting) > 1 else np.inf
         return _Rival(law, chosen, needed) if is_rival(chosen, needed(0.0), sure) else None
 
 
@@ -210,7 +210,7 @@ def is_rival(chosen: Chosen, needed: float, sure: float = np.inf) -> bool:
     """Whether a law says something by itself, and clearly more than names do.
 
     A name that acts elsewhere costs a channel its price: a law of next to nothing says more there. Of what few blocks
-    tell only, names are no surer than a law is: `sure` is their significance over blocks.
+    tell only, several names together are no surer than a law is: `sure` is their significance over blocks.
     """
     return chosen.z > min(LEAST_Z, sure) and chosen.plain > max(needed, BEATEN_BY)
 

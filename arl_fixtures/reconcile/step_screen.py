@@ -10,12 +10,14 @@ import numpy as np
 from arl_fixtures.reconcile.effect import Effect, State, Variant
 from arl_fixtures.reconcile.problem import Problem
 from arl_fixtures.reconcile.scores import Candidate
-from arl_fixtures.reconcile.screen import Screening, screen
+from arl_fixtures.reconcile.screen import LEAST_GAIN, Screening, screen
 from arl_fixtures.reconcile.small_problem import steps_alike
 from arl_fixtures.reconcile.terms import Term, forward
 
 SMALL_SHARE = 0.03
 """Share of the steps' scatter at which a law's own remainder is measured."""
+FEW_STEPS = 15
+"""Steps of a channel up to which that is asked: of more a law gains enough with a share of their scatter."""
 LEAST_LEFT = 1e-4
 """Of that share's square, the least that a remainder counts."""
 
@@ -44,14 +46,15 @@ def where_steps_scatter_less(
     taus, squares = [d.tau.get("step", 0.0) for d in problem.data], _squares(problem, state)
     with steps_alike(problem, state, SMALL_SHARE) as handicap:
         less = [d for d, tau in zip(problem.data, taus, strict=True) if d.tau.get("step", 0.0) < tau]
+        steps = sum(level.count for level in (d.level("step") for d in less) if level is not None)
         grown = _squares(problem, state) - squares
-        again = screen(problem, still, terms).candidates if less else ()
-    steps = sum(level.count for level in (d.level("step") for d in less) if level is not None)
+        again = screen(problem, still, terms).candidates if 0 < steps <= FEW_STEPS * len(less) else ()
     for c in again:
         within = whole[c.term.label].gain if c.term.label in whole else 0.0
         left = max(grown - 2.0 * (c.gain - within), LEAST_LEFT * steps)
         gain = c.gain - handicap + 0.5 * (left - steps - steps * float(np.log(left / steps)))
-        _raise(best, replace(c, gain=gain))
+        # a start that is good in its own right is no worse for what steps hide
+        _raise(best, replace(whole[c.term.label] if within > LEAST_GAIN else c, gain=gain))
     return replace(found, candidates=tuple(sorted(best.values(), key=lambda c: (-c.gain, c.term.label))))
 
 

@@ -56,7 +56,7 @@ def test_names_stand_as_before_where_nothing_of_a_further_look_does(monkeypatch)
     both = decision.best.terms
     decision.best = finish(decision.problem, fit(decision.problem, [t for t in both if t.effect.id == WARM]))
     value = decision.best.terms[0].values["slope"]
-    monkeypatch.setattr(search, "further", lambda *_: finish(decision.problem, fit(decision.problem, both)))
+    monkeypatch.setattr(search, "further", lambda *_, **__: finish(decision.problem, fit(decision.problem, both)))
 
     def all_fall(decision):
         if decision.best.terms:
