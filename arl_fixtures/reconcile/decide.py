@@ -35,6 +35,7 @@ from arl_fixtures.reconcile.shared_name import share_names
 from arl_fixtures.reconcile.shared_scatter import Scatter
 from arl_fixtures.reconcile.standing import Standing
 from arl_fixtures.reconcile.terms import Term, forward
+from arl_fixtures.reconcile.told_elsewhere import drop_told_elsewhere
 from arl_fixtures.reconcile.unit_strengths import with_strengths
 from arl_fixtures.reconcile.wandering import drop_wanderers, is_slow
 from arl_fixtures.reconcile.what_is_left import find_laws, find_scatters
@@ -85,7 +86,7 @@ class Decision:
         self._tell_units_apart()
         hold_unneeded(self)
         find_laws(self)
-        for drop in (drop_doubtful, drop_needless, drop_shadowed):
+        for drop in (drop_doubtful, drop_needless, drop_shadowed, drop_told_elsewhere):
             if drop(self):
                 self.laws = []
                 self.look()

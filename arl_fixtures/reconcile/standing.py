@@ -180,13 +180,26 @@ class Standing:
         cost = d.fit_scatter(d.residual(bare))[0] - d.fit_scatter(d.residual(own))[0]
         return acting if cost > UNDONE else []
 
+    def instead_of(self, d: ChannelData, acting: Sequence[Term]) -> tuple[Law, float]:
+        """A law in the place of names of a channel, and what it gains beyond them; nothing where it says nothing."""
+        terms = self.decision.terms
+        own = forward(terms, self.problem.view)
+        bare = forward([t for t in terms if t not in acting], self.problem.view)
+        law, chosen = self._free_law(d, bare)
+        named = d.fit_scatter(d.residual(own))[0] - d.fit_scatter(d.residual(bare))[0]
+        named -= PRICE * sum(len(t.free()) for t in acting)
+        return law, chosen.plain - named if chosen.z > LEAST_Z else -np.inf
+
+    def _free_law(self, d: ChannelData, bare: State) -> tuple[Law, Chosen]:
+        place = locate(self.looker, d, bare)
+        leading = [*(place.columns if place else []), *self.decision.leading(d)]
+        return search_law(self.looker, d, bare, leading)
+
     def _law_beyond(self, d: ChannelData, acting: Sequence[Term], terms: Sequence[Term]) -> _Rival | None:
         """A law in the place of the acting names, beside the other terms, that does clearly better than they."""
         own = forward(terms, self.problem.view)
         bare = forward([t for t in terms if t not in acting], self.problem.view)
-        place = locate(self.looker, d, bare)
-        leading = [*(place.columns if place else []), *self.decision.leading(d)]
-        law, chosen = search_law(self.looker, d, bare, leading)
+        law, chosen = self._free_law(d, bare)
         base = d.fit_scatter(d.residual(bare))[0]
         price = PRICE * sum(len(t.free()) for t in acting)
         named = d.fit_scatter(d.residual(own))[0] - base - price
