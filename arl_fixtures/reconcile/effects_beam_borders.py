@@ -13,10 +13,15 @@ import numpy as np
 from scipy.special import erfc
 
 from arl_fixtures.reconcile.columns import FloatArray, IntArray
-from arl_fixtures.reconcile.effects_common import per_table
+from arl_fixtures.reconcile.effect import State
+from arl_fixtures.reconcile.effects_common import distances, per_table, set_light
+from arl_fixtures.reconcile.effects_echoes import climbed
 from arl_fixtures.reconcile.effects_illumination import ray_column
+from arl_fixtures.reconcile.roles import Role, per_metre, unit_of
 from arl_fixtures.reconcile.view import View
 
+_LEAST_PART = 1e-4
+"""Of a footprint that must lie beyond a border to count."""
 _DIGITS, _FEWEST_IN_RING, _FEWEST_BORDERS = 2, 20, 6
 """Decimals of degrees by which rings are told apart, rays that make one, and borders that tell of a footprint."""
 
@@ -43,8 +48,54 @@ def footprint_beyond(away_deg: FloatArray, width_deg: float) -> FloatArray:
     return np.asarray(0.5 * erfc(away_deg / (np.sqrt(2.0) * width_deg)))
 
 
+def see_footprint(
+    view: View, state: State, share: float, width_deg: float, pulse_m: float, *, locked: bool
+) -> None:  # fmt: skip
+    """Give rows near borders a share of what a footprint sees: an echo's peak, and the light within its pulse.
+
+    Args:
+        view: rows under work; state: corrected so far, is changed.
+        share: how much of it.
+        width_deg, pulse_m: standard deviations of the footprint and of an echo.
+        locked: of the echo of the middle's surface, not of the strongest one.
+    """
+    found, channel, first = beam_borders(view), view.channel(Role.INTENSITY), distances(view)[0]
+    if found is None:
+        return
+    parts = [footprint_beyond(border.away_deg[view.rows], width_deg) for border in found]
+    places = [border.beyond[view.rows] for border in found]
+    own = np.maximum(1.0 - sum(parts), 0.0)
+    here = np.flatnonzero(own < 1.0 - _LEAST_PART)
+
+    def both_sides(name: str) -> FloatArray:
+        return np.stack([state[name][here], *(view.take(state, name, place)[here] for place in places)], axis=1)
+
+    light = both_sides(channel) if channel else np.ones((here.size, 3))
+    echoes = np.stack([own, *parts], axis=1)[here] * np.nan_to_num(light)
+    ranges = {name: both_sides(name) for name in distances(view)}
+    echoes = np.where(np.isfinite(ranges[first]), echoes, 0.0)
+    middle = np.zeros(here.size, dtype=np.int64) if locked else np.argmax(echoes, axis=1)
+    for name, there in ranges.items():
+        start = np.take_along_axis(np.nan_to_num(there), middle[:, None], axis=1)[:, 0]
+        width = pulse_m * per_metre(unit_of(name))
+        peak = climbed(echoes, np.nan_to_num(there), start, width)
+        moved = state[name].copy()
+        moved[here] += share * (peak - moved[here])
+        state[name] = moved
+        if name == first:
+            within = np.nansum(echoes * np.exp(-0.5 * ((there - peak[:, None]) / width) ** 2), axis=1)
+    if channel:
+        seen = state[channel].copy()
+        seen[here] += share * (within - seen[here])
+        set_light(view, state, channel, seen)
+
+
 def _rings(view: View) -> tuple[IntArray, IntArray, FloatArray]:
     """Rows in the order of their rings and azimuths, the ring of each, and its azimuth times the ring's radius."""
+    return per_table(view, "rings", lambda: _make_rings(view))
+
+
+def _make_rings(view: View) -> tuple[IntArray, IntArray, FloatArray]:
     azimuth, rise = (ray_column(view, name) for name in ("azimuth_deg", "elevation_deg"))
     level = np.unique(np.round(rise, _DIGITS), return_inverse=True)[1].astype(np.int64)
     image = view.columns.group(*view.columns.image_columns)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from arl_fixtures.reconcile.columns import FloatArray
+from arl_fixtures.reconcile.columns import BoolArray, FloatArray
 from arl_fixtures.reconcile.effect import State
 from arl_fixtures.reconcile.effects_common import per_view
 from arl_fixtures.reconcile.roles import Role
@@ -36,6 +36,10 @@ def own_noise(view: View) -> float:
 
 def perturbed(view: View, seed: int = 1) -> State:
     """The simulation with as much noise of its own again."""
+    return dict(per_view(view, ("perturbed", seed), lambda: _perturbed(view, seed)))
+
+
+def _perturbed(view: View, seed: int) -> State:
     state, size, rng = view.fresh_state(), own_noise(view), np.random.default_rng(seed)
     for channel in view.columns.channels:
         name = f"sim_{channel.name}_std"
@@ -75,7 +79,7 @@ def _along(view: View, channel: str, du: int, dv: int) -> float:
     return size if overlap > LEAST_OVERLAP and _steady(view, here, tame) < MOST_STEADY else 0.0
 
 
-def _steady(view: View, values: FloatArray, tame: FloatArray) -> float:
+def _steady(view: View, values: FloatArray, tame: BoolArray) -> float:
     """Share of the variance of values that is the same in all images of a pixel; 0 where each is seen once."""
     place = np.unique(view.group("dut", "pixel_u", "pixel_v")[tame], return_inverse=True)[1]
     count = np.bincount(place)

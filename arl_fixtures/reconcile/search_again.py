@@ -65,7 +65,7 @@ def _who_stands(
     while drop_fallen(decision):
         pass
     left = {t.effect.id for t in decision.best.terms}
-    if left < standing or left == standing:
+    if left <= standing:
         decision.best, decision.patterns = before
         decision.keep(decision.best.terms)
         decision.look()

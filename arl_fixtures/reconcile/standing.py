@@ -186,11 +186,10 @@ class Standing:
         own = forward(terms, self.problem.view)
         bare = forward([t for t in terms if t not in acting], self.problem.view)
         law, chosen = self._free_law(d, bare)
-        named = d.fit_scatter(d.residual(own))[0] - d.fit_scatter(d.residual(bare))[0]
-        named -= PRICE * sum(len(t.free()) for t in acting)
-        return law, chosen.plain - named if chosen.z > LEAST_Z else -np.inf
+        return law, chosen.plain - _worth_of(d, own, bare, acting) if chosen.z > LEAST_Z else -np.inf
 
     def _free_law(self, d: ChannelData, bare: State) -> tuple[Law, Chosen]:
+        """The law that is found in a channel on top of a state."""
         place = locate(self.looker, d, bare)
         leading = [*(place.columns if place else []), *self.decision.leading(d)]
         return search_law(self.looker, d, bare, leading)
@@ -200,13 +199,7 @@ class Standing:
         own = forward(terms, self.problem.view)
         bare = forward([t for t in terms if t not in acting], self.problem.view)
         law, chosen = self._free_law(d, bare)
-        base = d.fit_scatter(d.residual(bare))[0]
-        price = PRICE * sum(len(t.free()) for t in acting)
-        named = d.fit_scatter(d.residual(own))[0] - base - price
-        each = of_each_unit(d, own, bare) if all(map(may_differ, acting)) else None
-        if each is not None:  # units are not alike: each may have the names in a strength of its own
-            price += PRICE * (np.unique(d.unit).size - 1)
-            named = max(named, d.fit_scatter(d.residual(each))[0] - base - price)
+        named = _worth_of(d, own, bare, acting)
         change = law.correction(self.looker.features, bare[d.channel.name])
         plain = plain_beyond(d, own[d.channel.name] - bare[d.channel.name], change)
         edges = lies_where_names_act(self.problem, d, acting, self.decision.terms)
@@ -217,6 +210,19 @@ class Standing:
 
         sure = _sureness(d, bare, own) if len(acting) > 1 else np.inf
         return _Rival(law, chosen, needed) if is_rival(chosen, needed(0.0), sure) else None
+
+
+def _worth_of(d: ChannelData, own: State, bare: State, acting: Sequence[Term]) -> float:
+    """Log-likelihood that names gain in a channel, less the price of their parameters."""
+    base = d.fit_scatter(d.residual(bare))[0]
+    price = PRICE * sum(len(t.free()) for t in acting)
+    named = d.fit_scatter(d.residual(own))[0] - base - price
+    each = of_each_unit(d, own, bare) if all(map(may_differ, acting)) else None
+    if each is None:
+        return named
+    # units are not alike: each may have the names in a strength of its own
+    price += PRICE * (np.unique(d.unit).size - 1)
+    return max(named, d.fit_scatter(d.residual(each))[0] - base - price)
 
 
 def is_rival(chosen: Chosen, needed: float, sure: float = np.inf) -> bool:

@@ -75,10 +75,7 @@ def outgrows(problem: Problem, bare: State, before: State, own: State) -> bool:
         if before[name] is bare[name] or own[name] is bare[name]:
             continue
         for k, state in enumerate((before, own)):
-            change = state[name] - bare[name]
-            share = share_between(d, change)
-            moved = beside_constants(d, change[d.use] / d.scale)
-            size[k] += share * float(np.mean(moved**2)) if np.isfinite(share) else 0.0
+            size[k] += _between_and_all(d, state[name] - bare[name])[0]
     return size[1] > MISSED**2 * size[0]
 
 
@@ -91,14 +88,20 @@ def share_between(d: ChannelData, change: FloatArray) -> float:
         d: a channel.
         change: of its corrected simulation, on the problem's rows.
     """
+    between, total = _between_and_all(d, change)
+    return between / total if d.level("step") is not None and total > 0.0 else float("nan")
+
+
+def _between_and_all(d: ChannelData, change: FloatArray) -> tuple[float, float]:
+    """Mean squares of a change's step means and of all of it, beside the units' constants; 0 between no steps."""
     level = d.level("step")
     moved = beside_constants(d, change[d.use] / d.scale)
     total = float(np.mean(moved**2))
-    if level is None or total <= 0.0:
-        return float("nan")
+    if level is None:
+        return 0.0, total
     count = np.bincount(level.code, minlength=level.count)
     means = np.bincount(level.code, moved, minlength=level.count) / np.maximum(count, 1)
-    return float(np.average(means**2, weights=count)) / total
+    return float(np.average(means**2, weights=count)), total
 
 
 def leaves_other_rows(

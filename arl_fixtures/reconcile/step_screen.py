@@ -47,14 +47,20 @@ def where_steps_scatter_less(
     with steps_alike(problem, state, SMALL_SHARE) as handicap:
         less = [d for d, tau in zip(problem.data, taus, strict=True) if d.tau.get("step", 0.0) < tau]
         steps = sum(level.count for level in (d.level("step") for d in less) if level is not None)
+        if not 0 < steps <= FEW_STEPS * len(less):
+            return _in_order(found, best)
         grown = _squares(problem, state) - squares
-        again = screen(problem, still, terms).candidates if 0 < steps <= FEW_STEPS * len(less) else ()
+        again = screen(problem, still, terms).candidates
     for c in again:
         within = whole[c.term.label].gain if c.term.label in whole else 0.0
         left = max(grown - 2.0 * (c.gain - within), LEAST_LEFT * steps)
         gain = c.gain - handicap + 0.5 * (left - steps - steps * float(np.log(left / steps)))
         # a start that is good in its own right is no worse for what steps hide
         _raise(best, replace(whole[c.term.label] if within > LEAST_GAIN else c, gain=gain))
+    return _in_order(found, best)
+
+
+def _in_order(found: Screening, best: dict[str, Candidate]) -> Screening:
     return replace(found, candidates=tuple(sorted(best.values(), key=lambda c: (-c.gain, c.term.label))))
 
 

@@ -115,15 +115,16 @@ class Crosstalk(Effect):
     def expression(self, variant: Variant) -> str:
         """The law."""
         channel = variant.options["channel"]
+        beyond = f"; {channel} = 0 beyond the array" if "ends" in variant.options else ""
         if variant.options.get("leaks") == "trace":
             within_pulse = "exp(-(distance[neighbours] - distance)^2 / (2 overlap^2))"
             return (
                 f"{channel} += share * sum({channel}[neighbours] * {within_pulse} - {channel}), corners * share at "
-                "corners; distance is the mean by light"
+                f"corners; distance is the mean by light{beyond}"
             )
         pulled = "; distance += share * sum(" if variant.options.get("leaks") == "pulse" else ""
         pulled += f"{channel}[neighbours] * (distance[neighbours] - distance)) / {channel}" if pulled else ""
-        pulled += f"; {channel} = 0 beyond the array" if "ends" in variant.options else ""
+        pulled += beyond
         if variant.options["direction"] == "uneven":
             told = f"{channel}[row neighbours] + across * {channel}[column neighbours]"
             return f"{channel} += share * sum({told} - (1 + across) * {channel}){pulled}"

@@ -53,7 +53,8 @@ class FilterShift(LightFactor):
     A filter that is turned in a beam (a logged angle of its own) has that angle in the place of the field's.
 
     A simulation that has the passband at the reference temperature (option `simulated`) lacks the drift alone:
-    I *= T(x + drift·ΔT) / T(x), x = offset + tilt·s(θ); there the drift is what is nil, and the tilt a shape.
+    I *= T(x + drift·ΔT) / T(x), x = offset + tilt·s(θ); there the drift is what is nil, and the tilt a shape. Where
+    only pixels tell the angle, `line` is how far the line is off at the reference temperature, which is a guess.
     """
 
     id = "optics.filter_shift"
@@ -198,7 +199,7 @@ class FilterShift(LightFactor):
         if column:
             named = {parameter.name for parameter in variant.parameters}
             drift = "tilt * line_drift" if "line_drift" in named else "drift"
-            terms += f" + {drift} * ({column} - {variant.options['reference']})"
+            terms += f" + {drift} * ({column} - {variant.options['reference']})" + " + line" * ("line" in named)
         known = "offset"
         if variant.options.get("simulated"):
             known, terms = "x", f"x{terms[len(angle) :]}, x = {angle}"

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from arl_fixtures.reconcile.effect import Effect, Stage, State, Values, Variant
-from arl_fixtures.reconcile.effects_beam_borders import beam_borders, footprint_beyond, usual_step_deg
+from arl_fixtures.reconcile.effects_beam_borders import beam_borders, see_footprint, usual_step_deg
 from arl_fixtures.reconcile.effects_bench import is_sharp
 from arl_fixtures.reconcile.effects_beyond import take_beyond
 from arl_fixtures.reconcile.effects_common import (
@@ -17,9 +17,9 @@ from arl_fixtures.reconcile.effects_common import (
     distances,
     light_channels,
     per_view,
-    set_light,
     shape,
 )
+from arl_fixtures.reconcile.effects_echoes import climbed
 from arl_fixtures.reconcile.effects_render import ray_echoes, see_area
 from arl_fixtures.reconcile.effects_second_echo import second_echo
 from arl_fixtures.reconcile.effects_surface import at_centre, beyond_border, borders, light_share
@@ -34,9 +34,6 @@ _SPREAD = {
     "blurred": shape("blur", "px", 0.05, 0.5, 0.3),
 }
 """Means over a whole pixel: kind to how wide it is. What lies further beside it is a blur's, see `optics.defocus`."""
-_CLIMBS = 25
-_LEAST_PART = 1e-4
-"""Of a footprint that must lie beyond a border to count."""
 
 
 class EdgeMixing(Effect):
@@ -146,7 +143,7 @@ class EdgeMixing(Effect):
             return
         if variant.options["kind"] in _BEAMS:
             locked = variant.options["kind"] != "beam"
-            _see_footprint(view, state, share, float(values["width"]), float(values["pulse"]), locked=locked)
+            see_footprint(view, state, share, float(values["width"]), float(values["pulse"]), locked=locked)
             return
         if variant.options["kind"] == "leak":
             for name in distances(view):
@@ -255,51 +252,7 @@ def _from_mean(light: FloatArray, ranges: FloatArray, kind: str, width: float) -
     if kind == "first ray":
         return np.asarray(ranges.min(axis=1) - mean)
     start = ranges[np.arange(len(ranges)), light.argmax(axis=1)] if kind == "peak of rays" else mean
-    return np.asarray(_climbed(light, ranges, start, width) - mean)
-
-
-def _climbed(light: FloatArray, ranges: FloatArray, start: FloatArray, width: float) -> FloatArray:
-    """Peak of Gaussian echoes uphill from a start: the fixed point of their mean shift."""
-    place = start
-    for _ in range(_CLIMBS):
-        echo = light * np.exp(-0.5 * ((ranges - place[:, None]) / width) ** 2)
-        place = np.sum(echo * ranges, axis=1) / np.maximum(np.sum(echo, axis=1), 1e-300)
-    return place
-
-
-def _see_footprint(
-    view: View, state: State, share: float, width_deg: float, pulse_m: float, *, locked: bool
-) -> None:  # fmt: skip
-    """Give rows near borders a share of what a footprint sees: an echo's peak, and the light within its pulse."""
-    found, channel, first = beam_borders(view), view.channel(Role.INTENSITY), distances(view)[0]
-    if found is None:
-        return
-    parts = [footprint_beyond(border.away_deg[view.rows], width_deg) for border in found]
-    places = [border.beyond[view.rows] for border in found]
-    own = np.maximum(1.0 - sum(parts), 0.0)
-    here = np.flatnonzero(own < 1.0 - _LEAST_PART)
-
-    def both_sides(name: str) -> FloatArray:
-        return np.stack([state[name][here], *(view.take(state, name, place)[here] for place in places)], axis=1)
-
-    light = both_sides(channel) if channel else np.ones((here.size, 3))
-    echoes = np.stack([own, *parts], axis=1)[here] * np.nan_to_num(light)
-    ranges = {name: both_sides(name) for name in distances(view)}
-    echoes = np.where(np.isfinite(ranges[first]), echoes, 0.0)
-    middle = np.zeros(here.size, dtype=np.int64) if locked else np.argmax(echoes, axis=1)
-    for name, there in ranges.items():
-        start = np.take_along_axis(np.nan_to_num(there), middle[:, None], axis=1)[:, 0]
-        width = pulse_m * per_metre(unit_of(name))
-        peak = _climbed(echoes, np.nan_to_num(there), start, width)
-        moved = state[name].copy()
-        moved[here] += share * (peak - moved[here])
-        state[name] = moved
-        if name == first:
-            within = np.nansum(echoes * np.exp(-0.5 * ((there - peak[:, None]) / width) ** 2), axis=1)
-    if channel:
-        seen = state[channel].copy()
-        seen[here] += share * (within - seen[here])
-        set_light(view, state, channel, seen)
+    return np.asarray(climbed(light, ranges, start, width) - mean)
 
 
 def _echo_of_rows(view: View, name: str) -> tuple[FloatArray, FloatArray]:
@@ -330,7 +283,7 @@ def _peak(view: View, name: str, pulse_m: float, *, strongest: bool) -> FloatArr
     own = per_view(view, "own share", lambda: _own_share(view))[at]
     near, far = centre[at], beyond[at]
     start = np.where(own >= 0.5, near, far) if strongest else near
-    place = _climbed(np.stack([own, 1.0 - own], axis=1), np.stack([near, far], axis=1), start, width)
+    place = climbed(np.stack([own, 1.0 - own], axis=1), np.stack([near, far], axis=1), start, width)
     peak = np.full(view.n, np.nan)
     peak[at] = place
     return peak
