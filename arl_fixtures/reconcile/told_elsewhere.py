@@ -20,11 +20,14 @@ def drop_told_elsewhere(decision: Decision) -> bool:
     for sure.
     """
     gone = []
+    moved = [(t, set(decision.energy(t))) for t in decision.best.terms] if decision.laws else []
     for d in decision.problem.data:
         name = d.channel.name
-        acting = [t for t in decision.best.terms if name in decision.energy(t)]
+        acting = [t for t, names in moved if name in names]
         others = [law for law in decision.laws if law.channel != name and law.terms]
-        if len(acting) != 1 or not others or any(law.channel == name for law in decision.laws):
+        if [names for _, names in moved if name in names] != [{name}] or not others:
+            continue  # a name that acts elsewhere, too, is borne out there
+        if any(law.channel == name for law in decision.laws):
             continue
         law, gain = decision.standing.instead_of(d, acting)
         columns = {told_by(c) for c in law.drivers}
